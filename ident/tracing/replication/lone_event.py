@@ -17,7 +17,7 @@ from ident.tracing.replication.by_record import Flight, Replication, by_record, 
 from ident.tracing.replication.coloured_null import coloured_gain, explained_share
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
 from ident.tracing.replication.error_reduction import reduction
-from ident.tracing.replication.weighing import left_out, trained_without
+from ident.tracing.replication.weighing import left_out, trained_without, within_reach
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, screen
 from ident.tracing.selection.expansion import near_absence
@@ -82,6 +82,8 @@ def _weighed(
     stands, why = _alone(gain, rest, where, most, thresholds.LONE_EVENT)
     if stands and explained_share([before[where]], [after]) < thresholds.EVENT_EXPLAINS:
         stands, why = False, "it explains little of what its record leaves"
+    if stands and any(where not in within_reach(fitted, effect) for effect in fitted.effects):
+        stands, why = False, "its record flies beyond where a curve is known: the curve goes on some way or other"
     if stands and sigmas_from_absence(finding.effect, by_record(child, finding.effect)[where]) < thresholds.CLEARLY_OFF_ABSENCE:
         stands, why = False, "its parameters are not determined"
     return CrossValidation(

@@ -146,10 +146,10 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect, beside: Collection[s
 
 
 def _of_background(fitted: FittedModel, effect: Traceable) -> Claim:
-    """What any record may have: it belongs to each record by itself, so that there is nothing to replicate."""
+    """What any record may have: it belongs to each record by itself, so that there is nothing to replicate. A hint where nobody believes it."""
     found = quantities(fitted, effect)
-    same, acts_on = same_by_value(effect, found), records_of(fitted, effect)
-    return Claim(effect.name, found, same, True, acts_on, effect.explanation, weighed=Weighed(Ground.CROSS_VALIDATED, same=same))
+    same, acts_on, believed = same_by_value(effect, found), records_of(fitted, effect), why_not(effect, found, fitted) is None
+    return Claim(effect.name, found, same, believed, acts_on, effect.explanation, weighed=Weighed(Ground.CROSS_VALIDATED, same=same))
 
 
 def _scattered(quantity: Quantity, values: Sequence[float]) -> Quantity:

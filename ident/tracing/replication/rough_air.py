@@ -68,7 +68,7 @@ def process_noise_that_stands(ledger: Ledger, base: FittedModel, held: HeldOutDa
         ledger, fitted = fit(ledger, (*base.effects, effect), base)
         if fitted is None or not stands_out_somewhere(fitted, effect, thresholds.CLEARLY_OFF_ABSENCE):
             continue
-        if why_not(effect, quantities(fitted, effect), fitted) is not None:
+        if any(why_not(each, quantities(fitted, each), fitted) is not None for each in fitted.effects):
             continue
         if _simulates_worse(base, fitted, held) or _steadier(ledger, fitted):
             continue

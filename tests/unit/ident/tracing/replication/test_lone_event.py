@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -11,9 +12,11 @@ import pytest
 
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.quantities import records_of
+from ident.tracing.replication import lone_event
 from ident.tracing.replication.by_record import Flight
 from ident.tracing.replication.cross_validation import weighed_again
 from ident.tracing.replication.lone_event import _alone, _begun, event_that_stands
+from ident.tracing.replication.weighing import left_out
 from ident.tracing.screening.score_test import Finding
 from ident.whole_record.gauss_newton import Fit
 from sim.effects.disturbance.gust_discrete import GustDiscrete
@@ -55,6 +58,16 @@ def test_an_event_explains_a_good_part_of_what_its_record_leaves(monkeypatch: py
     monkeypatch.setattr(thresholds, "EVENT_EXPLAINS", 0.95)
     found, tried = event_that_stands(flight, (GUST,), root_of(flight), 4)
     assert found is None and [item.why for item in tried] == ["it explains little of what its record leaves"]
+
+
+def test_an_event_of_a_record_that_flies_beyond_a_curve_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The root has no curve: one is put there by name, and known in all records but the one in the gust."""
+    flight = flown([1])
+    root = replace(root_of(flight), effects=(WRONG,))
+    monkeypatch.setattr(lone_event, "within_reach", lambda fitted, effect: [0, 2, 3] if effect is WRONG else [0, 1, 2, 3])
+    monkeypatch.setattr(lone_event, "left_out", lambda flight, fitted: left_out(flight, root_of(flight)))
+    found, tried = event_that_stands(flight, (GUST,), root, 4)
+    assert found is None and [item.why for item in tried] == ["its record flies beyond where a curve is known: the curve goes on some way or other"]
 
 
 @pytest.mark.slow

@@ -213,6 +213,12 @@ def test_a_phugoid_that_the_base_has_is_claimed_with_what_it_is_as_well(phugoids
     assert abs(claim.parameters["attitude"].value) > thresholds.CLEARLY_OFF_ABSENCE * claim.parameters["attitude"].std
     said = told._of_background(base, PHUGOID)
     assert said.alternatives == ("speed-variation",) and said.evidence is None and said.weighed is not None
+    assert said.claimed
+    # One whose numbers no one believes has taken in what is missing: it stays in the model, and is no claim.
+    beyond = base.fit.layout.names.index("phugoid.trim_moment")
+    theta = base.fit.theta.copy()
+    theta[beyond] = 0.3
+    assert not told._of_background(replace(base, fit=replace(base.fit, theta=theta)), PHUGOID).claimed
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,16 @@ import pytest
 
 from ident.tracing import thresholds
 from ident.tracing.belief.evenness import is_even
+from ident.tracing.belief.standing import why_not
 from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.diagnosis import Caution, Concern
 from ident.tracing.loop import fit_declared, held_out_data
 from ident.tracing.replication import rough_air
 from ident.tracing.replication.rough_air import predicted, process_noise_that_stands
-from ident.tracing.selection.ledger import Ledger
+from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.validation.held_out import HeldOutData
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.maneuvers.steps import doublet, sequence, three_two_one_one
 from sim.record import Record
@@ -55,6 +58,19 @@ def test_rough_air_stands_although_what_it_leaves_is_not_white() -> None:
     gain = predicted(fitted, held.declared.frozen)  # type: ignore[arg-type]
     assert gain.share > thresholds.SHARE_OF_ANY_COLOUR and gain.by_process_noise > 100.0
     assert found.gains == (gain.by_process_noise,)
+
+
+def test_rough_air_beside_a_phugoid_that_no_one_believes_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside any other it stands; of one that has taken in what is missing the numbers are beyond belief."""
+    done = fit_declared(problem_of([rough(seed) for seed in (1, 2)], [ROUGH, Phugoid()]))
+    ledger, base = fit(done.ledger, (Phugoid(),), done.root)
+    assert base is not None
+    held = held_out_data(done, [rough(3)])
+    _, found = process_noise_that_stands(ledger, base, held)
+    assert found is not None and found.fitted.names == ("phugoid", ROUGH.name)
+    denied = Caution(Concern.BEYOND_BELIEF, "no one believes it")
+    monkeypatch.setattr(rough_air, "why_not", lambda effect, *more: denied if effect.name == "phugoid" else why_not(effect, *more))
+    assert process_noise_that_stands(ledger, base, held)[1] is None
 
 
 def test_colour_of_each_channel_by_itself_is_no_rough_air() -> None:
