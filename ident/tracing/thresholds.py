@@ -140,6 +140,6 @@ BOOTSTRAP_DRAWS = 400  # a scatter is then known to 4 per cent
 TEMPERATURE = {"noise left": 1.0, "cross-validated": 0.4, "one-step": 1.0, "samples": 1.0}
 SHARE_OF_PRICE = 0.5  # of what the criterion charges
 AGAINST_GUARDS = 0.0  # in twice the log likelihood
-WRONG_WHATEVER = {"noise left": 0.03, "cross-validated": 0.05, "one-step": 0.03, "samples": 0.02}
+WRONG_WHATEVER = {"noise left": 0.03, "cross-validated": 0.03, "one-step": 0.03, "samples": 0.02}
 LIKELY_BAR = 2.0 / 3.0  # chosen: a wrong name costs twice what silence does, so that what is claimed is twice as likely as all that is not named
 LIKELY_ENOUGH = 0.05  # fixed by the format of a diagnosis: what is likelier is named beside a claim
