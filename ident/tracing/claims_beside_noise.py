@@ -116,11 +116,11 @@ def judged_again(ledger: Ledger, found: Found, partial: Partial) -> tuple[Ledger
 
 
 def without_unlikely(problem: TraceProblem, judgement: Judgement) -> Judgement:
-    """Unexplained where a claim is, with its alternatives, less than twice as likely as something that is not named; all are hints then."""
+    """Unexplained where a claim is, with its alternatives, not likely enough beside something that is not named; all are hints then."""
     names = unlikely(judgement.claims, problem.twins)
     if not names:
         return judgement
-    told = f"what fits best is {' and '.join(names)}, but something that is not named is more than half as likely"
+    told = f"what fits best is {' and '.join(names)}, but something that is not named is nearly as likely, or more"
     hints = tuple(replace(claim, claimed=False) for claim in judgement.claims)
     return replace(judgement, verdict=Verdict.UNEXPLAINED, claims=hints, cautions=(Caution(Concern.UNLIKELY, told), *judgement.cautions))
 

@@ -51,7 +51,7 @@ class Concern(Enum):
     DERIVATIVES = "a derivative is far from what the vehicle file says"
     ONE_CAUSE = "effects that fit together stand for one cause"
     CONTRADICTED = "the kinematics speak against what fits best"
-    UNLIKELY = "something that is not named is more than half as likely"
+    UNLIKELY = "something that is not named is too likely"
     GOES_WITH_MOTION = "what process noise would explain goes with the motion"
     NO_IMPROVEMENT = "the effects do not lower the error on data that were not fitted"
 

@@ -86,9 +86,9 @@ def with_probabilities(claims: Sequence[Claim], twins: Mapping[str, Collection[s
 
 
 def unlikely(claims: Sequence[Claim], twins: Mapping[str, Collection[str]]) -> list[str]:
-    """Names of claims that are, with their alternatives, less than twice as likely as something that is not named."""
+    """Names of claims that are, with their alternatives, not likely enough beside something that is not named (``thresholds.LIKELY_BAR``)."""
     told = with_probabilities(claims, twins)
-    return [claim.name for claim in told if claim.probability and _named(claim) < thresholds.LIKELY_BAR]
+    return [c.name for c in told if c.probability and c.weighed and _named(c) < thresholds.LIKELY_BAR[c.weighed.ground.value]]
 
 
 def _named(claim: Claim) -> float:

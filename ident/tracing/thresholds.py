@@ -141,5 +141,6 @@ TEMPERATURE = {"noise left": 1.0, "cross-validated": 0.4, "one-step": 1.0, "samp
 SHARE_OF_PRICE = 0.5  # of what the criterion charges
 AGAINST_GUARDS = 0.0  # in twice the log likelihood
 WRONG_WHATEVER = {"noise left": 0.03, "cross-validated": 0.03, "one-step": 0.03, "samples": 0.02}
-LIKELY_BAR = 2.0 / 3.0  # chosen: a wrong name costs twice what silence does, so that what is claimed is twice as likely as all that is not named
+# By what a claim rests on: it is likelier than all that is not named (theorem), and twice as likely where what remains is not noise (chosen).
+LIKELY_BAR = {"noise left": 0.5, "cross-validated": 2.0 / 3.0, "one-step": 0.5, "samples": 0.5}
 LIKELY_ENOUGH = 0.05  # fixed by the format of a diagnosis: what is likelier is named beside a claim

@@ -164,12 +164,14 @@ def against(*rivals: ComparedSet) -> Weighed:
 PROVEN = Evidence(0.6, 0.05, (), {})
 
 
-def test_a_claim_that_is_not_twice_as_likely_with_its_alternatives_as_what_is_not_named_is_unlikely() -> None:
+def test_a_claim_that_is_less_likely_with_its_alternatives_than_what_is_not_named_is_unlikely() -> None:
     guards = against(ComparedSet((GUARD,), 0.0, guard=True), ComparedSet((), 0.0))
     assert unlikely([Claim(LAG, {}, weighed=guards)], {}) == [LAG]
-    # Two to one is the bar: at 1 in twice the log likelihood a guard has more than a third, at 2 less.
-    for behind, doubted in ((1.0, [LAG]), (2.0, [])):
-        assert unlikely([Claim(LAG, {}, weighed=against(ComparedSet((GUARD,), behind, guard=True)))], {}) == doubted
+    # Of what was cross-validated two to one is the bar: so far behind a guard has more than a third, or less.
+    for behind, doubted in ((0.4, [LAG]), (0.8, [])):
+        rival = Weighed(Ground.CROSS_VALIDATED, (ComparedSet((LAG,), 0.0), ComparedSet((GUARD,), behind, guard=True)))
+        assert unlikely([Claim(LAG, {}, weighed=rival, evidence=PROVEN)], {}) == doubted
+        assert unlikely([Claim(LAG, {}, weighed=replace(rival, ground=Ground.NOISE_LEFT))], {}) == []
     assert unlikely([Claim(LAG, {}, claimed=False, weighed=guards), Claim("x", {})], {}) == []
     # What is named beside it counts with it; of what was cross-validated no other name is added.
     names = against(ComparedSet((SCALE,), 0.0), ComparedSet(("b",), 1.0))
