@@ -33,10 +33,9 @@ def first_again(flight: Flight, candidates: Sequence[Traceable], first: Tried, f
     step = weigh_all(flight, [*members, *rivals], alone) if rivals else None
     if step is None or step.chosen is None:
         return list(found), list(step.results) if step is not None else []
-    came_out = {item.effect.name: item for item in (step.chosen.best, *step.chosen.others)}
     if step.chosen.best.effect.name == one.best.effect.name:
         known = {effect.name for effect in members}
-        further = tuple(item for name, item in came_out.items() if name not in known)
+        further = tuple(item for item in step.chosen.others if item.effect.name not in known)
         return [replace(one, others=(*one.others, *further)), two], list(step.results)
     # What takes the place of the first has the second come out again beside it.
     only = flight.fit((*first.fitted.effects, step.chosen.best.effect), range(len(flight.records)), step.chosen.best.fitted.values)

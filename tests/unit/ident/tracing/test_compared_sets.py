@@ -164,14 +164,13 @@ def test_of_three_causes_each_has_to_show_on_data_that_were_not_fitted() -> None
     """A scale so small that other data hardly know of it: beside one other cause it may stand, beside two it may not."""
     true = {"sensor-lag:q.time_constant": 0.06, "vane-offset.arm": 12.0, "sensor-scale:q.scale": 1.006}
     every = (SensorLag("q"), VaneOffset(), SCALE)
-    other = planted(every, true, 2)
     for effects, idle in (((SensorLag("q"), SCALE), ()), (every, ("sensor-scale:q",))):
         known = {name: value for name, value in true.items() if any(name.startswith(effect.name) for effect in effects)}
         problem = problem_of([planted(effects, known, 1)], effects)
         root = fit_of(problem)
         best = fit_of(problem, effects, root, known)
         ledger = Ledger(problem).kept(root, root.criterion).kept(best, best.criterion)
-        records = [other if effects is every else planted(effects, known, 2)]
+        records = [planted(effects, known, 2)]
         held = HeldOutData(records, measured_masks(records, OUTPUTS), held_out(root, records, None), choosing=True)
         choice = weighed(ledger, Choice(best, held_out(best, records, held.masks)), held)
         assert choice.idle == idle

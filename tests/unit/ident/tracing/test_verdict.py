@@ -17,6 +17,7 @@ from ident.tracing.ranking.choice import Choice
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out
 from ident.tracing.validation.improvement import contradicted, hardly_better, no_better, room_for
 from ident.tracing.verdict import ResidualTests, judge, not_noise, verdict_on
+from ident.tracing.witness import Silent
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
@@ -54,20 +55,11 @@ def found(
 
 
 @dataclass
-class Denying:
+class Denying(Silent):
     """A witness that speaks against one effect."""
 
     name: str
     by: float
-
-    def prepare(self) -> None:
-        """Nothing takes time."""
-
-    def __call__(self, effect: str, parameters: Mapping[str, Quantity], /) -> int:
-        return 0
-
-    def evidence(self, effect: str, parameters: Mapping[str, Quantity], /) -> float:
-        return 0.0
 
     def against(self, effect: str, parameters: Mapping[str, Quantity], /) -> float:
         return self.by if effect == self.name and parameters else 0.0
@@ -79,8 +71,7 @@ def test_what_kinematics_speak_strongly_against_is_not_claimed(problem: TracePro
     said, concerns = found(heard, root, [SensorLag("q")])
     assert said is verdict and concerns == ([Concern.CONTRADICTED] if verdict is Verdict.UNEXPLAINED else [])
     # In air that moves the kinematics of still air are no witness.
-    gust = GustDiscrete()
-    assert Concern.CONTRADICTED not in found(heard, root, [SensorLag("q"), gust])[1]
+    assert Concern.CONTRADICTED not in found(heard, root, [SensorLag("q"), GustDiscrete()])[1]
 
 
 def test_guards_lead_to_unexplained(problem: TraceProblem, root: FittedModel) -> None:
