@@ -72,6 +72,7 @@ def main() -> None:
     gc.disable()  # and at the end ``freeze``: in a process of a second a search for garbage takes a tenth of it
     from ident.tracing.diagnosis import Quantity
     from scenarios.diagnosis.report.figure_handover import unpacked
+    from scenarios.diagnosis.report.figures import draw_diagnosis
     from scenarios.plots.files import figure_png
     from scenarios.plots.tracing.derivatives import figure_derivatives
 
@@ -79,28 +80,8 @@ def main() -> None:
     figure_png(figure_derivatives(one, one, "warm-up"))  # fonts, symbols and backend are loaded by the first figure
     content = sys.stdin.buffer.read()
     if content:
-        draw_together(*unpacked(content))
+        draw_diagnosis(*unpacked(content))
     gc.freeze()
-
-
-def draw_together(pictured: Pictured, folder: Path, formats: Formats = USUAL) -> None:
-    """Draw all figures, every other one by a fork where there is such a thing: the process that waits for them leaves a core idle."""
-    from scenarios.diagnosis.report.figures import draw_diagnosis
-
-    if not hasattr(os, "fork"):
-        draw_diagnosis(pictured, folder, formats)
-        return
-    helper = os.fork()
-    if helper == 0:
-        failed = 1
-        try:
-            draw_diagnosis(pictured, folder, formats, slice(1, None, 2))
-            failed = 0
-        finally:
-            os._exit(failed)
-    draw_diagnosis(pictured, folder, formats, slice(0, None, 2))
-    if os.waitpid(helper, 0)[1] != 0:
-        draw_diagnosis(pictured, folder, formats, slice(1, None, 2))
 
 
 if __name__ == "__main__":

@@ -31,11 +31,11 @@ DECLARED_CAPTIONS = {
 }  # where no effect stands beside it
 
 
-def draw_diagnosis(pictured: Pictured, folder: Path, formats: Formats = USUAL, part: slice = slice(None)) -> None:
-    """Draw all figures, or a part of them, into ``folder``, in every format and for the page."""
+def draw_diagnosis(pictured: Pictured, folder: Path, formats: Formats = USUAL) -> None:
+    """Draw all figures into ``folder``, in every format and for the page."""
     from scenarios.plots.page.drawing import leave_for_page
 
-    leave_for_page(figures_of(pictured)[part], folder, formats)
+    leave_for_page(figures_of(pictured), folder, formats)
 
 
 def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import sys
-import threading
 from collections.abc import Callable, Iterable
+from functools import partial
 from html import escape
 from pathlib import Path
 
@@ -16,6 +14,7 @@ from scenarios.plots.formats import Formats
 from scenarios.plots.page.captions import caption_of
 from scenarios.plots.page.named import FRAGMENT, Drawn, gathered
 from scenarios.plots.page.renderer import PageRenderer
+from scenarios.plots.page.sharing import shared_out
 
 POINTS = 72.0
 SCALE = 1.75  # pixels a point, where there is room
@@ -23,50 +22,22 @@ FULL = 400.0  # points: a wider figure is moved sideways on a small screen rathe
 
 
 def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
-    """Draw each figure once: into ``folder`` in every format, and for the page. Every other one is drawn by a fork where there may be one."""
+    """Draw each figure once: into ``folder`` in every format, and for the page; on two cores where that may be."""
     named = list(figures)
-    helper = _fork() if len(named) > 1 and _may_fork() else None
-    if helper == 0:
-        failed = 1
-        try:
-            leave_for_page(named[1::2], folder, formats)
-            failed = 0
-        finally:
-            os._exit(failed)
-    ended = 1
-    try:
-        own = {stem: _drawn(stem, make, folder, formats) for stem, make in (named if helper is None else named[::2])}
-    finally:
-        if helper is not None:  # also where drawing failed: nobody writes into the folder from here on
-            ended = os.waitpid(helper, 0)[1]
+    leave_for_page(named, folder, formats)
     left = gathered(folder)
-    own |= left if ended == 0 else {}
-    return tuple(Drawn(stem, own.get(stem) or _drawn(stem, make, folder, formats), caption_of(stem)) for stem, make in named)
+    return tuple(Drawn(stem, left[stem], caption_of(stem)) for stem, _ in named)
 
 
 def leave_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> None:
     """The same for another process to gather (``named.gathered``): each element in a file of its own."""
-    for stem, make in figures:
-        (folder / f"{stem}{FRAGMENT}").write_text(_drawn(stem, make, folder, formats), encoding="utf-8")
+    shared_out([partial(_leave, stem, make, folder, formats) for stem, make in figures])
 
 
-def _drawn(stem: str, make: Callable[[], Figure], folder: Path, formats: Formats) -> str:
+def _leave(stem: str, make: Callable[[], Figure], folder: Path, formats: Formats) -> None:
     figure = make()
     save_figure(figure, folder, stem, formats)
-    return page_svg(figure, stem)
-
-
-def _fork() -> int | None:
-    """The helper's id, 0 within it; None where the system has no room for another process."""
-    try:
-        return os.fork()
-    except OSError:
-        return None
-
-
-def _may_fork() -> bool:
-    """Whether a fork is safe: this thread is the only one, and no system library of the platform forbids it."""
-    return hasattr(os, "fork") and sys.platform != "darwin" and threading.active_count() == 1
+    (folder / f"{stem}{FRAGMENT}").write_text(page_svg(figure, stem), encoding="utf-8")
 
 
 def page_svg(figure: Figure, stem: str) -> str:

@@ -18,7 +18,8 @@ import pytest
 
 from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.report.figure_handover import packed, unpacked
-from scenarios.diagnosis.report.figure_process import draw_together, drawing, figure_process
+from scenarios.diagnosis.report.figure_process import drawing, figure_process
+from scenarios.diagnosis.report.figures import draw_diagnosis
 from scenarios.diagnosis.report.files import pictured, write_diagnosis, write_evidence, write_prediction, write_residuals
 from scenarios.pages.folder import rebuilt
 from scenarios.plots.page.named import gathered
@@ -167,7 +168,7 @@ def test_figures_are_drawn_where_nothing_forks_and_where_the_fork_fails(tmp_path
         if not fork:
             monkeypatch.delattr(os, "fork")
         (tmp_path / str(fork)).mkdir()
-        draw_together(picture, tmp_path / str(fork))
+        draw_diagnosis(picture, tmp_path / str(fork))
         assert set(gathered(tmp_path / str(fork))) == {"evidence", "derivatives"}
         assert {entry.name for entry in (tmp_path / str(fork)).iterdir()} == {"evidence.png", "derivatives.png"}
     gone.returncode = 1  # it was waited for
@@ -191,6 +192,6 @@ def test_replication_is_drawn_where_there_is_some_and_the_handover_keeps_it(tmp_
     assert [each["time_constant"].value for each in shown.by_record] == [0.058, 0.063, 0.060, 0.062]
     (again,) = unpacked(packed(picture, tmp_path))[0].replicated
     assert (again.name, again.records, again.by_record, again.together) == (shown.name, shown.records, shown.by_record, shown.together)
-    draw_together(replace(picture, predictions=(), fitted=(), candidates=(), before={}), tmp_path, ())
+    draw_diagnosis(replace(picture, predictions=(), fitted=(), candidates=(), before={}), tmp_path, ())
     assert set(gathered(tmp_path)) == {"replication"} and not list(tmp_path.iterdir())
     assert pictured(tracing_of(Verdict.PARTIAL)).replicated == ()
