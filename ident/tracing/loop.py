@@ -46,6 +46,7 @@ def diagnose(
     settings: TraceSettings | None = None,
     progress: Callable[[str, float], None] = untold,
     witness: Witness = silent,
+    outlook: Callable[[Diagnosis], None] = lambda diagnosis: None,
 ) -> Diagnosis:
     """Trace what a model lacks.
 
@@ -57,6 +58,7 @@ def diagnose(
         record is fitted. Else they decide the verdict, and what is told beside it (hints, the inflation of sigmas, the range of a curve).
     progress : told what is being done and how much of the work that is.
     witness : says by other means than the model whether an effect is there; asked only where a ranking depends on it.
+    outlook : told before the search, where the declared model leaves white noise, what there is to report if nothing is found.
 
     Raises
     ------
@@ -69,7 +71,10 @@ def diagnose(
     problem = TraceProblem(records, masks, model, named, outputs, settings or TraceSettings(), validation, witness, progress, general)
     declared = fit_declared(problem)
     watch.stage("declared model")
-    found = search(declared, held_out_data(declared, validation))
+    held = held_out_data(declared, validation)
+    if is_white(declared.root):
+        outlook(as_declared(declared, held, validation))
+    found = search(declared, held)
     watch.stage("search")
     found = with_final_masks(found)
     watch.stage("spikes")
@@ -125,6 +130,13 @@ def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutDa
     masks = held_out_masks(first, records, declared.ledger.problem.outputs)
     before = held_out(declared.root, records, masks, informed=False)
     return HeldOutData(records, masks, before, choosing=len(declared.ledger.problem.records) == 1)
+
+
+def as_declared(declared: Declared, held: HeldOutData, validation: Sequence[Record]) -> Diagnosis:
+    """What there is to report of the declared model alone, called consistent without a search."""
+    tests, scatter = residual_tests(declared.root, HeldOut(None, None), held), RecordScatter()
+    judgement = Judgement(Verdict.CONSISTENT, declared.root, held.declared, declared.spikes, tests, ())
+    return reported(declared.ledger, Before(declared.root, tests.all, scatter), Outcome(judgement, scatter), held, validation, {})
 
 
 def search(declared: Declared, held: HeldOutData) -> Found:

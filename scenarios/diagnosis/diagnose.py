@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
@@ -27,16 +27,25 @@ from sim.declaration.proposal import Traceable
 from sim.record import Hold
 
 if TYPE_CHECKING:
+    from ident.tracing.settings import TraceSettings
+    from scenarios.diagnosis.kinematics import Kinematics
+    from scenarios.files.sources import InputFile
     from scenarios.maneuver_design.design import Design
 
 
-def diagnose_files(request: Request, progress: Callable[[str, float], None] = lambda stage, share: None, trace: Trace | None = None) -> Tracing:
+def diagnose_files(
+    request: Request,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+    trace: Trace | None = None,
+    outlook: Callable[[Tracing], None] = lambda tracing: None,
+) -> Tracing:
     """Read everything, run the loop, and return its result with what went in.
 
     Parameters
     ----------
     request : the files and how they are read. With none to validate on, the last of several records, or the last part of one, is held out.
     progress : told the stage and the share done, 0 to 1. trace : the loop; None takes ``ident.tracing.loop.diagnose``.
+    outlook : told before the search what its result is if it finds nothing, where that is likely.
 
     Raises
     ------
@@ -52,43 +61,66 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     own, of_effects = own_effects(request.effects, posed.model)
     candidates, guards = candidates_for(posed.model, own), _guards(posed.model)
     run = (overflows := Overflows()).counted(trace or _loop())
+    study = _Study(request, opened, of_effects, candidates, settings, overflows)
     with _witness(opened, posed, request.plan) as witness:
-        diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, settings, progress, witness)
+
+        def looped(posed: Posed) -> Diagnosis:
+            given = (posed.records, posed.model, candidates, guards, posed.predicted, settings, progress, witness)
+            return run(*given, lambda likely: outlook(study.told(posed, likely)))
+
+        diagnosis = looped(posed)
         part = moves_between_samples(diagnosis, candidates, posed.records)
         if _may_read_again(opened, request.plan) and (part or tells_times(diagnosis, posed.records)):
             linear = posed_for(opened, replace(request.plan, hold=Hold.LINEAR))
-            again = run(linear.records, linear.model, candidates, guards, linear.predicted, settings, progress, witness)
+            again = looped(linear)
             if no_worse(again, diagnosis) if part else better(again, diagnosis):
                 posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
             elif not part:
                 posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
         # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
         kinematics = witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None
-    if not moves_about_rest(posed.model):
-        diagnosis = replace(diagnosis, derived_before={}, derived_after={}, modes_before=None, modes_after=None)
-    assert opened.vehicle.identity is not None
-    diagnosis, pressed = at_bounds(diagnosis, opened.vehicle.constraints)
-    return Tracing(
-        diagnosis,
-        opened.vehicle,
-        posed.model,
-        posed.records,
-        posed.predicted,
-        Inputs(posed.fitted, posed.validation, opened.vehicle.identity, of_effects, opened.vehicle.own_file),
-        posed.held_out_from,
-        {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
-        {effect.name: effect.traits for effect in reversed(candidates)},
-        (*posed.notes, *said_of(opened.vehicle.constraints, posed.model), *pressed),
-        posed.doubts,
-        kinematics,
-        posed.look,
-        overflows.count,
-        settings.effort,
-        opened.flown,
-        request.plan,
-        all_simulated([*opened.records, *opened.validation]),
-        _decides(diagnosis, request, opened, posed),
-    )
+    return study.told(posed, diagnosis, kinematics, _decides(diagnosis, request, opened, posed))
+
+
+@dataclass(frozen=True, eq=False)
+class _Study:
+    """What a result is told with: the files, how they were read, and what could be claimed."""
+
+    request: Request
+    opened: Opened
+    of_effects: tuple[InputFile, ...]
+    candidates: Sequence[Traceable]
+    settings: TraceSettings
+    overflows: Overflows
+
+    def told(self, posed: Posed, diagnosis: Diagnosis, kinematics: Kinematics | None = None, decides: Design | None = None) -> Tracing:
+        """The result with what went in."""
+        opened = self.opened
+        if not moves_about_rest(posed.model):
+            diagnosis = replace(diagnosis, derived_before={}, derived_after={}, modes_before=None, modes_after=None)
+        assert opened.vehicle.identity is not None
+        diagnosis, pressed = at_bounds(diagnosis, opened.vehicle.constraints)
+        return Tracing(
+            diagnosis,
+            opened.vehicle,
+            posed.model,
+            posed.records,
+            posed.predicted,
+            Inputs(posed.fitted, posed.validation, opened.vehicle.identity, self.of_effects, opened.vehicle.own_file),
+            posed.held_out_from,
+            {effect.name: " ".join(effect.explanation.split()) for effect in self.candidates},
+            {effect.name: effect.traits for effect in reversed(self.candidates)},
+            (*posed.notes, *said_of(opened.vehicle.constraints, posed.model), *pressed),
+            posed.doubts,
+            kinematics,
+            posed.look,
+            self.overflows.count,
+            self.settings.effort,
+            opened.flown,
+            self.request.plan,
+            all_simulated([*opened.records, *opened.validation]),
+            decides,
+        )
 
 
 def _decides(diagnosis: Diagnosis, request: Request, opened: Opened, posed: Posed) -> Design | None:

@@ -29,6 +29,7 @@ class Trace(Protocol):
         settings: TraceSettings,
         progress: Callable[[str, float], None],
         witness: Witness,
+        outlook: Callable[[Diagnosis], None],
     ) -> Diagnosis: ...
 
 

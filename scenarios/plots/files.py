@@ -11,8 +11,6 @@ from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from scenarios.plots.formats import PDF, PNG, SVG, USUAL, Formats
@@ -53,6 +51,8 @@ def figure_png(figure: Figure) -> bytes:
 
 def figure_svg(figure: Figure) -> bytes:
     """The figure as an SVG file at its own size."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     buffer = io.BytesIO()
     with rc_context(_VECTOR):
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
@@ -61,6 +61,8 @@ def figure_svg(figure: Figure) -> bytes:
 
 def figure_pdf(figure: Figure) -> bytes:
     """The figure as a PDF of one page at its own size."""
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf  # it loads a library of fonts, which takes as long as a figure
+
     buffer = io.BytesIO()
     with rc_context(_VECTOR):
         FigureCanvasPdf(figure).print_pdf(buffer, metadata={"Creator": None, "Producer": None, "CreationDate": None})

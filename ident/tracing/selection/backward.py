@@ -84,8 +84,11 @@ def fitted_without(ledger: Ledger, fitted: FittedModel, effect: Traceable, *, ro
 
 
 def refined(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, FittedModel]:
-    """The same set fitted to the end, in its freer form where that brings enough; as it is where no channel is anywhere near noise."""
-    if is_coloured_throughout(fitted, thresholds.GROSSLY_COLOURED):
+    """The same set fitted to the end, in its freer form where that brings enough; as it is where no channel is anywhere near noise.
+
+    The declared model alone has been fitted to the end before the search.
+    """
+    if not fitted.effects or is_coloured_throughout(fitted, thresholds.GROSSLY_COLOURED):
         return ledger, fitted
     ledger, again = fit(ledger, fitted.effects, fitted)
     best = again if again is not None and again.fit.cost <= fitted.fit.cost + 1e-6 else fitted

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, Quantity, Step
 from scenarios.diagnosis.noise_words import residual_levels
-from scenarios.diagnosis.report.evidence import record_labels, warnings_of
+from scenarios.diagnosis.report.data_words import record_labels
+from scenarios.diagnosis.report.evidence import warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_content
 from scenarios.diagnosis.report.mode_levels import levels_both
+from scenarios.diagnosis.report.pictures.pictured import LARGEST
 from scenarios.diagnosis.report.probabilities import shown_probability
 from scenarios.diagnosis.report.tables import derived_of
 from scenarios.diagnosis.report.text import headline, verdict_advice, wording_of
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
 
 SCHEMA = "flightid/diagnosis/1"
 DECIDES = "decides.csv"  # the input to be flown, beside the diagnosis
-LARGEST = 1e30  # what a number that has run away is written as: it reads back everywhere, and its square is finite
 
 
 def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:

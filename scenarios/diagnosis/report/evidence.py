@@ -102,14 +102,6 @@ def member_tables(d: Diagnosis) -> list[tuple[tuple[str, ...], list[tuple[str, .
     return [(tuple(claim.derivatives_under), rows) for claim, rows in shown if rows]
 
 
-def record_labels(tracing: Tracing) -> list[str]:
-    """Records in the order of the evidence: the fitted ones, then those that were not fitted, where they took part in choosing."""
-    if not tracing.diagnosis.used_to_choose:
-        return [record.name for record in tracing.records]
-    fitted, held = [record.name for record in tracing.records], [record.name for record in tracing.validation]
-    return [*fitted, *(f"{name}, from {tracing.held_out_from:g} s" if tracing.held_out_from is not None else name for name in held)]
-
-
 def warnings_of(tracing: Tracing) -> list[str]:
     """The warnings with a description of what is left in each channel, in place of long lists of tests that failed.
 

@@ -10,14 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity, Verdict
+from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
 from scenarios.diagnosis.keeping import kept_diagnosis
-from scenarios.diagnosis.report.content import DECIDES, LARGEST, bounded, diagnosis_content
-from scenarios.diagnosis.report.declared_only import as_declared, nothing_stands
-from scenarios.diagnosis.report.evidence import record_labels
-from scenarios.diagnosis.report.figure_process import Process, drawing
-from scenarios.diagnosis.report.figures import captioned, numbered
-from scenarios.diagnosis.report.text import kind_of_predicted
+from scenarios.diagnosis.report.content import DECIDES, bounded, diagnosis_content
+from scenarios.diagnosis.report.declared_only import nothing_stands
+from scenarios.diagnosis.report.pictures.figures import captioned, numbered
+from scenarios.diagnosis.report.pictures.pictured import bounded_series, pictured
+from scenarios.diagnosis.report.pictures.process import Drawer, drawing
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
@@ -26,11 +25,8 @@ from scenarios.pages.folder import write_page
 from scenarios.pages.model import Page
 from scenarios.pages.rendering import warm_up
 from scenarios.pages.reproduction import now
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.page.named import gathered
-from scenarios.plots.tracing.pictured import Pictured, Replicated
-from scenarios.plots.tracing.reasons import Standing
 from scenarios.terminal.quantities import UNDETERMINED, determined
 
 MAIN = "diagnosis.json"
@@ -45,7 +41,7 @@ def write_diagnosis(
     folder: str | Path,
     *,
     figures: Formats = USUAL,
-    process: Process | None = None,
+    drawer: Drawer | None = None,
     dressed: Callable[[Page], Page] = _as_it_is,
 ) -> Path:
     """Write a diagnosis into ``folder``, whole or not at all; returns the folder.
@@ -53,13 +49,13 @@ def write_diagnosis(
     Files: ``validate_prediction.csv`` (further records ``validate_prediction_2.csv`` ...), ``residuals.csv`` (likewise),
     ``evidence.csv``, ``decides.csv`` of an ambiguous one, figures in the formats ``figures``,
     ``report.html`` and ``report.json``, ``diagnosis.json`` last.
-    ``process`` draws the figures if it can; ``dressed`` adds to the page what else is known.
+    ``drawer`` draws the figures if it can; ``dressed`` adds to the page what else is known.
     """
     from scenarios.diagnosis.report.page import diagnosis_page
 
     d, created = tracing.diagnosis, now()
     with study_folder(folder, MAIN) as scratch:
-        with drawing(pictured(tracing), scratch, process, figures) if figures else nullcontext():
+        with drawing(pictured(tracing), scratch, drawer, figures) if figures else nullcontext():
             for number, prediction in enumerate(d.predictions):
                 write_prediction(scratch / f"{numbered('validate_prediction', number)}.csv", prediction)
             for number, fitted in enumerate(d.fitted):
@@ -80,31 +76,10 @@ def write_diagnosis(
     return Path(folder)
 
 
-def pictured(tracing: Tracing) -> Pictured:
-    """The part of a diagnosis that figures show, its runaway numbers bounded."""
-    d = as_declared(tracing.diagnosis)
-    predictions = tuple(Prediction(p.record, p.channels, _bounded(p.before), _bounded(p.after)) for p in d.predictions)
-    claimed = [claim for claim in tracing.diagnosis.effects if claim.claimed]
-    standing = Standing(
-        tuple(claim.name for claim in claimed),
-        {claim.name: claim.alternatives for claim in claimed if claim.alternatives},
-        tuple(claim.name for claim in tracing.diagnosis.effects if not claim.claimed),
-        d.verdict in (Verdict.CONSISTENT, Verdict.TRACED, Verdict.AMBIGUOUS),
-    )
-    shown = predictions, d.candidates, d.before, d.after, d.noise_floor, standing, kind_of_predicted(d), _replicated(tracing)
-    return Pictured(d.fitted, *shown, SIMULATED_DATA if tracing.simulated else MEASURED_DATA)
-
-
-def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:
-    labels = tuple(record_labels(tracing))
-    proven = [(claim, claim.evidence.by_record) for claim in tracing.diagnosis.effects if claim.evidence is not None]
-    return tuple(Replicated(claim.name, labels[: len(each)], each, claim.parameters) for claim, each in proven if each and each[0])
-
-
 def write_prediction(path: Path, prediction: Prediction) -> None:
     """One row for each row of the record, missing samples included: ``time``, ``before_CHANNEL``, ``after_CHANNEL``, SI (nz in g)."""
     header = ["time", *(f"{when}_{name}" for when in ("before", "after") for name in prediction.channels)]
-    rows = np.concatenate([prediction.record.time[None, :], _bounded(prediction.before), _bounded(prediction.after)])
+    rows = np.concatenate([prediction.record.time[None, :], bounded_series(prediction.before), bounded_series(prediction.after)])
     _write(path, header, ([repr(cell) for cell in row] for row in rows.T.tolist()))
 
 
@@ -120,7 +95,7 @@ def write_residuals(path: Path, fitted: FittedRecord) -> None:
         valid = fitted.record[name].valid
         header += [f"before_{name}", f"after_{name}", f"used_{name}"]
         for residual in (fitted.before[row], fitted.after[row]):
-            columns.append([repr(value) if there else "" for value, there in zip(_bounded(residual).tolist(), valid, strict=True)])
+            columns.append([repr(value) if there else "" for value, there in zip(bounded_series(residual).tolist(), valid, strict=True)])
         columns.append(["1" if used else "0" for used in (fitted.used[row] & valid).tolist()])
     _write(path, header, zip(*columns, strict=True))
 
@@ -140,11 +115,6 @@ def write_evidence(path: Path, candidates: Sequence[Candidate]) -> None:
 def _cell(name: str, q: Quantity) -> str:
     told = f"{q.value:.6g} +- {q.std:.2g} {q.unit}" if determined(q.value, q.std) else UNDETERMINED
     return f"{name} = {told}"
-
-
-def _bounded(values: np.ndarray) -> np.ndarray:
-    """Finite numbers: a simulation that ran away is written as large as it needs to be seen."""
-    return np.nan_to_num(np.clip(values, -LARGEST, LARGEST), nan=LARGEST)
 
 
 def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

@@ -8,6 +8,7 @@ from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from scenarios.diagnosis.effort import effort_sentence
 from scenarios.diagnosis.report import tables, text
+from scenarios.diagnosis.report.data_words import kind_of_predicted
 from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands, shown_columns, shown_rows
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
@@ -169,7 +170,7 @@ def _tests(d: Diagnosis) -> list[tuple[str, tuple[ResidualTest, ...]]]:
 
 
 def _inputs(tracing: Tracing) -> list[tuple[str, str, str]]:
-    kind = text.kind_of_predicted(tracing.diagnosis)
+    kind = kind_of_predicted(tracing.diagnosis)
     files = [("fitted", file) for file in tracing.inputs.records] + [(kind, file) for file in tracing.inputs.validation]
     files += [("vehicle", tracing.inputs.vehicle)] + [("effects", file) for file in tracing.inputs.effects]
     return [(use, file.name, file.sha256) for use, file in files]

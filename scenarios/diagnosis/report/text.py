@@ -117,13 +117,6 @@ def where_predicted(tracing: Tracing) -> str:
     return f"the {held}record{'s' if len(names) > 1 else ''} {', '.join(names)}{note}"
 
 
-def kind_of_predicted(d: Diagnosis) -> str:
-    """What the predicted data are called where there is room for two words."""
-    if not d.held_out:
-        return "fitted"
-    return "not fitted" if d.used_to_choose else "held out"
-
-
 def headline(tracing: Tracing) -> str:
     """The finding in one sentence: effect, the error that fell most, the derivative that moved most."""
     d, wording = tracing.diagnosis, wording_of(tracing)

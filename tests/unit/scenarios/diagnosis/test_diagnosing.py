@@ -35,7 +35,7 @@ class Loop:
         self.given: dict[str, Any] = {}
         self.verdict = verdict
 
-    def __call__(self, records: Sequence[Record], model, candidates, guards, validation, settings, progress, witness) -> Diagnosis:
+    def __call__(self, records: Sequence[Record], model, candidates, guards, validation, settings, progress, witness, outlook) -> Diagnosis:
         self.given = {"records": records, "model": model, "candidates": candidates, "guards": guards, "validation": validation}
         return diagnosis_of(self.verdict, RIGID if model.equations.name == "rigid" else LOES, tuple(records), tuple(validation))
 

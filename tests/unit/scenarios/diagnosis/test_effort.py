@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -40,9 +39,7 @@ def test_an_effort_that_there_is_not_is_refused_in_one_line() -> None:
 def test_the_request_sets_what_the_loop_is_given(effort: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[TraceSettings] = []
 
-    def loop(
-        records: Sequence[Record], model: Any, candidates: Any, guards: Any, validation: Any, settings: TraceSettings, progress: Any, witness: Any
-    ) -> Diagnosis:
+    def loop(records: Sequence[Record], model, candidates, guards, validation, settings: TraceSettings, progress, witness, outlook) -> Diagnosis:
         given.append(settings)
         return diagnosis_of(Verdict.TRACED, RIGID, tuple(records), tuple(validation))
 

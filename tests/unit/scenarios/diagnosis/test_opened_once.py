@@ -48,7 +48,7 @@ class Overwriting:
     def __init__(self, files: Sequence[Path] = ()) -> None:
         self.files = files
 
-    def __call__(self, records: Sequence[Record], model, candidates, guards, validation, settings, progress, witness) -> Diagnosis:
+    def __call__(self, records: Sequence[Record], model, candidates, guards, validation, settings, progress, witness, outlook) -> Diagnosis:
         for file in self.files:
             file.write_text("nothing of use\n")
         witness("sensor-lag:alpha", {"time_constant": Quantity(0.05, 0.01, "s")})

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.diagnosis.report.evidence import record_labels
+from scenarios.diagnosis.report.data_words import kind_of_predicted, record_labels
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuver
 from scenarios.diagnosis.report.tables import candidate_rows, derivative_rows
-from scenarios.diagnosis.report.text import diagnosis_text, headline, kind_of_predicted, verdict_advice, where_predicted, wording_of
+from scenarios.diagnosis.report.text import diagnosis_text, headline, verdict_advice, where_predicted, wording_of
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.terminal.quantities import value_text
 from sim.declaration.proposal import Traceable

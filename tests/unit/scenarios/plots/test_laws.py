@@ -10,8 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis.report.figures import figures_of
-from scenarios.diagnosis.report.files import pictured
+from scenarios.diagnosis.report.pictures.figures import figures_of
+from scenarios.diagnosis.report.pictures.pictured import pictured
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.low_order import Bar, LikelihoodCurve, figure_delays, figure_peaks, figure_side_by_side, figure_states
 from scenarios.plots.studies.campaign import Coverage, figure_campaign

@@ -17,12 +17,15 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis.report.figure_handover import packed, unpacked
-from scenarios.diagnosis.report.figure_process import drawing, figure_process
-from scenarios.diagnosis.report.figures import draw_diagnosis
-from scenarios.diagnosis.report.files import pictured, write_diagnosis, write_evidence, write_prediction, write_residuals
+from scenarios.diagnosis.report.files import write_diagnosis, write_evidence, write_prediction, write_residuals
+from scenarios.diagnosis.report.pictures.figures import draw_diagnosis
+from scenarios.diagnosis.report.pictures.handover import packed, unpacked
+from scenarios.diagnosis.report.pictures.pictured import pictured
+from scenarios.diagnosis.report.pictures.process import Drawer, drawing, figure_process
 from scenarios.pages.folder import rebuilt
+from scenarios.plots.formats import USUAL
 from scenarios.plots.page.named import gathered
+from scenarios.plots.tracing.reasons import Standing
 from tests.diagnoses import BALLISTIC, LOES, proven_tracing, tracing_of
 
 FIGURES = {"held_out.png", "residuals.png", "evidence.png", "derivatives.png", "spectra.png"}
@@ -136,34 +139,59 @@ def test_older_run_is_replaced_and_other_files_are_left(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "diagnosis.json").read_bytes())["verdict"] == "consistent"
 
 
-def test_second_process_draws_the_same_figures(folder: Path, tmp_path: Path) -> None:
-    picture = pictured(tracing_of(Verdict.TRACED, validations=2, count=120))
-    with figure_process(True) as process:
-        assert process is not None
-        with drawing(picture, tmp_path, process):
-            pass
-        assert process.returncode == 0
-    left = gathered(tmp_path)
-    assert {f"{stem}.png" for stem in left} == {entry.name for entry in tmp_path.iterdir()} >= FIGURES
-    for entry in tmp_path.iterdir():
+def same_as_in(folder: Path, drawn: Path) -> None:
+    """Figures and elements of a page as those of the study in ``folder``."""
+    left = gathered(drawn)
+    assert {f"{stem}.png" for stem in left} == {entry.name for entry in drawn.iterdir()} >= FIGURES
+    for entry in drawn.iterdir():
         assert entry.read_bytes() == (folder / entry.name).read_bytes(), entry.name
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert all(svg in page for svg in left.values())
 
 
+def test_second_process_draws_the_same_figures(folder: Path, tmp_path: Path) -> None:
+    picture = pictured(tracing_of(Verdict.TRACED, validations=2, count=120))
+    with figure_process(True) as drawer:
+        assert drawer is not None
+        with drawing(picture, tmp_path, drawer):
+            pass
+        assert drawer.process.returncode == 0
+    same_as_in(folder, tmp_path)
+    assert not drawer.aside.exists()
+
+
+def test_what_was_drawn_ahead_is_kept_where_it_is_what_comes_out_and_else_drawn_anew(folder: Path, tmp_path: Path) -> None:
+    picture = pictured(tracing_of(Verdict.TRACED, validations=2, count=120))
+    other = replace(picture, noise={name: 2.0 * std for name, std in picture.noise.items()})
+    for name, ahead, kept in (("one", picture, True), ("other", other, False)):
+        (tmp_path / name).mkdir()
+        with figure_process(True) as drawer:
+            assert drawer is not None
+            drawer.draw_ahead(replace(ahead, candidates=(), standing=Standing()), USUAL)
+            with drawing(picture, tmp_path / name, drawer):
+                assert bool(drawer.expected) == kept
+            assert drawer.process.returncode == 0
+        same_as_in(folder, tmp_path / name)
+
+
 def test_figures_are_drawn_here_when_the_process_has_died(tmp_path: Path) -> None:
     picture = replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=())
+    (tmp_path / "aside").mkdir()
+    (tmp_path / "drawn").mkdir()
     dead = subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"], stdin=subprocess.PIPE)
-    with dead, drawing(picture, tmp_path, dead):
+    drawer = Drawer(dead, tmp_path / "aside")
+    drawer.draw_ahead(picture, USUAL)
+    with drawing(picture, tmp_path / "drawn", drawer):
         pass
-    assert set(gathered(tmp_path)) == {"evidence", "derivatives"}
-    assert {entry.name for entry in tmp_path.iterdir()} == {"evidence.png", "derivatives.png"}
+    assert set(gathered(tmp_path / "drawn")) == {"evidence", "derivatives"}
+    assert {entry.name for entry in (tmp_path / "drawn").iterdir()} == {"evidence.png", "derivatives.png"}
 
 
 def test_figures_are_drawn_where_nothing_forks_and_where_the_fork_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     picture = replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=())
     gone = subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"])
     monkeypatch.setattr(os, "fork", lambda: gone.pid)
+    monkeypatch.setattr("threading.active_count", lambda: 1)
     for fork in (True, False):
         if not fork:
             monkeypatch.delattr(os, "fork")
