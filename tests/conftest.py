@@ -1,8 +1,9 @@
-"""What holds for every test: one BLAS thread, hypothesis examples that are the same on every run, no lines of progress however slow it is."""
+"""What holds for every test: Ctrl-C is heard, one BLAS thread, the same hypothesis examples on every run, no lines of progress however slow it is."""
 
 from __future__ import annotations
 
 import os
+import signal
 
 from hypothesis import settings
 
@@ -11,6 +12,9 @@ from scenarios.terminal import progress
 # Set before any test imports numpy; small matrices gain nothing from threads, and processes inherit it.
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
+
+# As at a terminal: a shell that starts something in the background has it ignored, also by what that starts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("flightid", deadline=None, derandomize=True)
 settings.load_profile("flightid")

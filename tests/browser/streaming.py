@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -48,14 +47,10 @@ class Watched:
             [sys.executable, "-c", _SENDER, str(folder / "flown.csv"), str(RATE), str(self.rows)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
         )
         command = [sys.executable, "-m", "scenarios", "watch", "-", "--model", "loes", "--vehicle", str(folder / "vehicle.toml"), "--page"]
-        ignored = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job hands on that it ignores interrupts
-        try:
-            with (folder / "printed.txt").open("wb") as printed:
-                self.process = subprocess.Popen(
-                    [*command, "--out", str(folder / "out")], stdin=self._sender.stdout, stdout=printed, stderr=subprocess.PIPE, env=environment
-                )
-        finally:
-            signal.signal(signal.SIGINT, ignored)
+        with (folder / "printed.txt").open("wb") as printed:
+            self.process = subprocess.Popen(
+                [*command, "--out", str(folder / "out")], stdin=self._sender.stdout, stdout=printed, stderr=subprocess.PIPE, env=environment
+            )
         assert self.process.stderr is not None and self._sender.stderr is not None
         self.address = self.process.stderr.readline().decode().split()[-1]
         self.port = int(self.address.rstrip("/").rpartition(":")[2])

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -44,14 +43,6 @@ def judged(scenario, seed):
 campaign.judge_trace = judged
 main(sys.argv[1:])
 """
-
-
-@pytest.fixture(autouse=True)
-def hears_the_terminal() -> Iterator[None]:
-    """Ctrl-C is heard, as at a terminal: a shell that starts something in the background has it ignored, also by what that starts."""
-    former = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, former)
 
 
 def stopped(code: str, folder: Path, *arguments: str) -> tuple[int, str, str]:

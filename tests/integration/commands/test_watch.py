@@ -81,13 +81,7 @@ def process(*arguments: object, stdin: int | None = None) -> Iterator[subprocess
     command = [sys.executable, "-m", "scenarios", "watch", *(str(each) for each in arguments)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": stdin}
-    # A shell's background job ignores interrupts, and hands that on: these processes are to be interrupted.
-    ignored = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        started = subprocess.Popen(command, text=True, env=environment, **pipes)  # type: ignore[call-overload]
-    finally:
-        signal.signal(signal.SIGINT, ignored)
-    with started as running:
+    with subprocess.Popen(command, text=True, env=environment, **pipes) as running:  # type: ignore[call-overload]
         try:
             yield running
         finally:
