@@ -256,6 +256,18 @@ def test_progress_is_told_from_nothing_to_all() -> None:
     assert told == sorted(told) and told[-1] <= 1.0
 
 
+@pytest.mark.parametrize("planted_effect", [False, True])
+def test_what_comes_out_if_nothing_is_found_is_told_before_the_search_where_noise_is_left(planted_effect: bool) -> None:
+    told: list[Diagnosis] = []
+    flown = lagged if planted_effect else lambda seed: planted([], {}, seed)
+    found = diagnose([flown(1)], declared(), CANDIDATES, (), [flown(2)], SETTINGS, outlook=told.append)
+    assert len(told) == (0 if planted_effect else 1)
+    for likely in told:
+        assert likely.verdict is found.verdict is Verdict.CONSISTENT and not likely.candidates and found.candidates
+        without = dataclasses.replace(found, candidates=likely.candidates, seconds=likely.seconds, stopped=likely.stopped, steps=likely.steps)
+        assert dict(numbers(likely, "")) == dict(numbers(without, ""))
+
+
 def test_a_record_without_any_output_is_refused() -> None:
     record = planted()
     other = Record(record.time, record.inputs, (Channel.of("theta", "rad", np.zeros(len(record))),), record.hold, "nothing.csv")
