@@ -133,7 +133,7 @@ def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutDa
 
 
 def as_declared(declared: Declared, held: HeldOutData, validation: Sequence[Record]) -> Diagnosis:
-    """What there is to report of the declared model alone, called consistent without a search."""
+    """What there is to report of the declared model alone, called consistent without a search; tests of the fitted records alone."""
     tests, scatter = residual_tests(declared.root, HeldOut(None, None), held), RecordScatter()
     judgement = Judgement(Verdict.CONSISTENT, declared.root, held.declared, declared.spikes, tests, ())
     return reported(declared.ledger, Before(declared.root, tests.all, scatter), Outcome(judgement, scatter), held, validation, {})
