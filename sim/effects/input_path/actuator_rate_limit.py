@@ -20,6 +20,7 @@ from sim.maths.elementary import absolute, each_column, maximum
 UNLIMITED = 1e9
 PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)  # peaks of the input run through in a second: from hardly felt to always behind
 HALF_AND_TWICE = "the same maneuver at half and at twice the size: only a rate limit makes large inputs later than small ones"
+_AHEAD = 32  # cells in which it is first looked for where a surface that is behind arrives
 
 
 @dataclass(frozen=True)
@@ -108,24 +109,21 @@ def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
 
 def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
     """How far the surface is from each command as it is given; ``ways`` are the most it moves before the next."""
-    # Where it has arrived it is as far as the two commands are apart: the loop runs only while it is behind.
+    # Where it has arrived it is as far as the two commands are apart: what follows is for where it is behind.
     distances = np.append(commands[:1], commands[:-1]) - commands + 0.0 * ways
-    targets, most, reach, done, last = commands.tolist(), ways.tolist(), ways.real.tolist(), 0, len(commands) - 1
-    for first in np.flatnonzero(np.abs(distances.real) > ways.real).tolist():
+    reach, changes, done, last = ways.real, commands[:-1] - commands[1:], 0, len(commands) - 1
+    for first in np.flatnonzero(np.abs(distances.real) > reach).tolist():
         if first < done:
             continue
-        done, distance, behind = first, distances[first].item(), []
-        while done < last:
-            if distance.real > reach[done]:
-                left = distance - most[done]
-            elif -distance.real > reach[done]:
-                left = distance + most[done]
-            else:
-                break
-            distance = targets[done] + left - targets[done + 1]
-            done += 1
-            behind.append(distance)
-        distances[first + 1 : done + 1] = behind
+        done, length = first, _AHEAD
+        while done < last and abs(distances[done].real) > reach[done]:
+            # It moves one way until it arrives or is overtaken: looked for ever further ahead, and taken up to there.
+            side, stop = np.sign(distances[done].real), min(done + length, last)
+            path = distances[done] + np.cumsum(changes[done:stop] - side * ways[done:stop])
+            over = np.flatnonzero(side * path.real <= reach[done + 1 : stop + 1])
+            count = int(over[0]) + 1 if len(over) else len(path)
+            distances[done + 1 : done + 1 + count] = path[:count]
+            done, length = done + count, _AHEAD if len(over) else 2 * length
     return distances
 
 
