@@ -41,6 +41,13 @@ def test_is_the_mean_of_the_march_on_uneven_cells(seed: int, rate: float) -> Non
     np.testing.assert_allclose(act(edges, u, rate), brute_force(edges, u, rate), rtol=0.0, atol=1e-5 * rate / 50.0 + 1e-9)
 
 
+@pytest.mark.parametrize("rate", [0.3, 2.0])
+def test_is_the_mean_of_the_march_where_it_is_behind_for_hundreds_of_cells(rate: float) -> None:
+    edges = np.arange(401) * 0.005
+    u = 0.1 * np.sin(3.0 * edges[:-1]) + 0.003 * np.random.default_rng(2).standard_normal(400)
+    np.testing.assert_allclose(act(edges, u, rate), brute_force(edges, u, rate), rtol=0.0, atol=1e-5 * rate)
+
+
 def test_a_step_becomes_a_ramp_that_ends_within_a_cell() -> None:
     edges = np.arange(101) * 0.001
     u = np.where(edges[:-1] >= 0.0195, 0.01, 0.0)
