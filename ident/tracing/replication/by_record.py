@@ -55,6 +55,10 @@ class Flight:
         data = FitData(records, masks, self.model, self.outputs)
         return fit_set(data, effects, settings, Start(values, added or {}), apart=apart)
 
+    def beside(self, base: FittedModel, effect: Traceable, start: Values, added: Mapping[str, float] | None = None) -> FittedModel | None:
+        """Fit a set with one effect more to all records, as ``fit`` does."""
+        return self.fit((*base.effects, effect), range(len(self.records)), start, added)
+
 
 def every_record(problem: TraceProblem, held: HeldOutData) -> Flight:
     """All records that speak on the aircraft, fitted or not; without the others where these cannot be simulated."""

@@ -25,7 +25,7 @@ def first_again(flight: Flight, candidates: Sequence[Traceable], first: Tried, f
     if len(found) != 2:
         return list(found), []
     one, two = found
-    alone = flight.fit((*first.fitted.effects, two.best.effect), range(len(flight.records)), two.best.fitted.values)
+    alone = flight.beside(first.fitted, two.best.effect, two.best.fitted.values)
     if alone is None:
         return list(found), []
     members = [member.effect for member in (one.best, *one.others)]
@@ -38,7 +38,7 @@ def first_again(flight: Flight, candidates: Sequence[Traceable], first: Tried, f
         further = tuple(item for item in step.chosen.others if item.effect.name not in known)
         return [replace(one, others=(*one.others, *further)), two], list(step.results)
     # What takes the place of the first has the second come out again beside it.
-    only = flight.fit((*first.fitted.effects, step.chosen.best.effect), range(len(flight.records)), step.chosen.best.fitted.values)
+    only = flight.beside(first.fitted, step.chosen.best.effect, step.chosen.best.fitted.values)
     last = weigh_all(flight, [member.effect for member in (two.best, *two.others)], only) if only is not None else None
     tried = [*step.results, *(last.results if last is not None else ())]
     return ([step.chosen, last.chosen] if last is not None and last.chosen is not None else list(found)), tried

@@ -76,7 +76,7 @@ def _weighed(
     where = max(gains, key=lambda r: gains[r][0])
     gain, after = gains[where]
     rest = max((value for r, (value, _) in gains.items() if r != where), default=0.0)
-    child = flight.fit((*fitted.effects, finding.effect), range(len(flight.records)), _begun(fitted, finding, where, after))
+    child = flight.beside(fitted, finding.effect, _begun(fitted, finding, where, after))
     if child is None:
         return None
     stands, why = _alone(gain, rest, where, most, thresholds.LONE_EVENT)

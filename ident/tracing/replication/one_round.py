@@ -55,7 +55,7 @@ def weigh_all(
     chosen = choose(results, flight.witness)
 
     def fit(effect: Traceable, start: Mapping[str, float]) -> FittedModel | None:
-        return flight.fit((*fitted.effects, effect), range(len(flight.records)), fitted.values, start)
+        return flight.beside(fitted, effect, fitted.values, start)
 
     if chosen is not None and guard_is_likelier(fitted, chosen.best.effect, chosen.best.fitted, candidates, fit):
         chosen = None

@@ -82,7 +82,7 @@ def _alone(flight: Flight, first: Tried, validated: CrossValidation) -> CrossVal
     one = validated.effect
     if any(item.effect.name == one.name for item in first.results):
         return None
-    single = flight.fit((*first.fitted.effects, one), range(len(flight.records)), validated.fitted.values)
+    single = flight.beside(first.fitted, one, validated.fitted.values)
     if single is None or fitted_change(first.fitted, single) > thresholds.HALF_OF_IT * fitted_change(first.fitted, validated.fitted):
         return None
     return weigh(flight, first.fitted, replace(validated.finding, starts=(shared_start(single, one),)), first.before)
@@ -90,7 +90,7 @@ def _alone(flight: Flight, first: Tried, validated: CrossValidation) -> CrossVal
 
 def _beside(flight: Flight, candidates: Sequence[Traceable], first: Tried, best: FittedModel, one: Traceable) -> Tried | None:
     """The round beside one effect of a pair."""
-    alone = flight.fit((*first.fitted.effects, one), range(len(flight.records)), best.values)
+    alone = flight.beside(first.fitted, one, best.values)
     return weigh_all(flight, candidates, alone) if alone is not None else None
 
 

@@ -102,12 +102,10 @@ def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping
 
 def try_out(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping[int, Fit]) -> Trial | None:
     """One candidate beside a set: fitted to all records, and to all but each; a witness is not asked. Else as ``weigh``."""
-    effects = (*fitted.effects, finding.effect)
-    everything = range(len(flight.records))
-    tries = [flight.fit(effects, everything, fitted.values, start) for start in finding.starts[:2]]
+    tries = [flight.beside(fitted, finding.effect, fitted.values, start) for start in finding.starts[:2]]
     child = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
     if child is None or child.fit.cost > fitted.fit.cost:
-        child = flight.fit(effects, everything, fitted.values, near_absence(finding.effect, finding.starts[0]))
+        child = flight.beside(fitted, finding.effect, fitted.values, near_absence(finding.effect, finding.starts[0]))
     if child is None:
         return None
     if fitted_change(fitted, child) > -thresholds.HALF_OF_IT * thresholds.WORTH:
