@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.process_noise.discretised import Variation, discretised_noise
+from ident.process_noise.likelihood_slopes import likelihood_slopes
 from ident.process_noise.noise_slopes import noise_slopes, slope_pairs
-from ident.process_noise.whitener import Filtered, Whitener, filtered, likelihood_slopes, whitener
+from ident.process_noise.whitener import Filtered, Whitener, filtered, whitener
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.linearise import Linearisation
 from ident.whole_record.noise_model import LaidOut, WeightedResiduals
