@@ -9,9 +9,10 @@ from types import MappingProxyType
 
 from ident.tracing.diagnosis import Claim
 from scenarios.terminal.display_units import spaced
-from scenarios.terminal.quantities import CHANNELS, _number, displayed, with_sigma
+from scenarios.terminal.quantities import CHANNELS, UNDETERMINED, _number, determined, displayed, with_sigma
 from sim.declaration.traits import Traits
 
+_NAMED = 2  # parameters that are not determined, up to which each is told
 _TIMES = ("time", "start", "begin", "duration")
 
 
@@ -78,9 +79,13 @@ def _told(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:
 
 
 def parameter_text(claim: Claim, wording: Wording) -> str:
-    """All parameters with their sigmas: ``"half_width 0.401 +- 0.009 deg"``."""
+    """All parameters with their sigmas, ``"half_width 0.401 +- 0.009 deg"``; those that the data do not determine together, behind the others."""
     units = _stick_units(claim, wording)
-    return ", ".join(f"{name} {with_sigma(quantity, units.get(name), name)}" for name, quantity in claim.parameters.items())
+    vague = [name for name, quantity in claim.parameters.items() if not determined(quantity.value, quantity.std)]
+    told = [f"{name} {with_sigma(quantity, units.get(name), name)}" for name, quantity in claim.parameters.items() if name not in vague]
+    if len(vague) > _NAMED:
+        told.append(f"{vague[0]} and {len(vague) - 1} more {UNDETERMINED}")
+    return ", ".join([*told, *(f"{name} {UNDETERMINED}" for name in vague if len(vague) <= _NAMED)])
 
 
 def _fields(claim: Claim, wording: Wording) -> dict[str, str]:

@@ -51,6 +51,16 @@ def test_numbers_stand_in_the_units_that_people_fly_with() -> None:
     assert sentence(Claim("elastic-mode#2", mode), Wording()) == "the structure bends: a mode of 18.2 rad/s (2.90 Hz), damping 0.030"
 
 
+def test_parameters_that_are_not_determined_are_told_together() -> None:
+    def told(count: int) -> str:
+        curve = {"trim": Quantity(0.2, 0.1, "1"), **{f"shape{k}": Quantity(0.1, 1e9, "1") for k in range(1, count + 1)}, "slope": Quantity(3.0, 0.1, "1")}
+        return parameter_text(Claim("lift-nonlinearity", curve, (), False, ()), Wording())
+
+    assert told(0) == "trim 0.20 +- 0.10, slope 3.00 +- 0.10"
+    assert told(2) == "trim 0.20 +- 0.10, slope 3.00 +- 0.10, shape1 not determined by these data, shape2 not determined by these data"
+    assert told(9) == "trim 0.20 +- 0.10, slope 3.00 +- 0.10, shape1 and 8 more not determined by these data"
+
+
 @pytest.mark.parametrize(("scale", "words"), [(1.062, "6.2 % too large"), (0.94, "6.0 % too small")])
 def test_scale_is_told_in_per_cent(scale: float, words: str) -> None:
     assert sentence(Claim("sensor-scale:nz", {"scale": Quantity(scale, 0.002, "1")}), Wording()) == f"the load factor is read {words}"
