@@ -55,7 +55,8 @@ class GustTurbulence:
         "aircraft crosses in L/V seconds; its spectrum is Dryden's, S(W) = sigma^2 (L/pi) (1 + 3 (L W)^2)/(1 + (L W)^2)^2 over the spatial "
         "frequency W. alpha as the loads and the vane feel it is alpha + w/V. No simulation can follow such a record: one judges the model's "
         "predictions one step ahead, whose errors stay correlated until the gust is estimated along with the motion. Left out, it makes every "
-        "derivative look better known than it is. On the lateral model w comes from the right and sideslip takes the place of alpha."
+        "derivative look better known than it is. A record tells sigma^2/L, the level at high frequency; where it holds few lengths, sigma and L "
+        "both come out low and surer than they are. On the lateral model w comes from the right and sideslip takes the place of alpha."
     )
 
     @property
