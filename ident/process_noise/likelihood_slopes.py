@@ -9,7 +9,7 @@ import numpy as np
 from ident.process_noise.associative_scan import combine_affine, scan
 from ident.process_noise.associative_scan import from_left as _left
 from ident.process_noise.associative_scan import from_right as _right
-from ident.process_noise.associative_scan import transposed as _turned
+from ident.process_noise.associative_scan import transposed as _each_turned
 from ident.process_noise.noise_slopes import NoiseSlopes
 from ident.process_noise.whitener import Filtered, Whitener, closed_loop, every_node, joined, rows, turned
 
@@ -65,7 +65,7 @@ def _slopes_of_some(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, b
     open_loop = np.eye(n) - K @ H
     # Covariance after an update: dP = (I - KH) dP_before (I - KH)^T + K dR K^T - P dH^T K^T - K dH P.
     dK_straight = _left(K, _right(dH, P))
-    own = _right(_left(K, dR), turned(K)) - dK_straight - _turned(dK_straight)
+    own = _right(_left(K, dR), turned(K)) - dK_straight - _each_turned(dK_straight)
     first = (_right(_left(open_loop[:1], by_start), turned(open_loop[:1])) + own[:1])[0]
     dP = np.empty((T, n, d, n))
     dP_before = np.empty((T, n, d, n))
@@ -73,13 +73,13 @@ def _slopes_of_some(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, b
     if T > 1:
         F, dF, dQ = (rows(M, slice(T - 1)) for M in (Phi, by_Phi, by_Q))
         pushed = _right(dF, P[:-1] @ turned(F))
-        forcing = pushed + _turned(pushed) + dQ
+        forcing = pushed + _each_turned(pushed) + dQ
         inside = open_loop[1:]
         through, added = scan(combine_affine, (inside @ F, _right(_left(inside, forcing), turned(inside)) + own[1:]))
         dP[1:] = _right(_left(through, np.broadcast_to(first, (T - 1, n, d, n))), turned(through)) + added
         dP_before[1:] = _right(_left(F, dP[:-1]), turned(F)) + forcing
     crossed = _right(dH, filter.predicted @ turned(H))
-    dS = crossed + _turned(crossed) + _right(_left(H, dP_before), turned(H)) + dR
+    dS = crossed + _each_turned(crossed) + _right(_left(H, dP_before), turned(H)) + dR
     flat = _right(_left(filter.root, dS), turned(filter.root)).transpose(2, 0, 1, 3).reshape(d, -1)
     if n == 0:
         return flat, np.zeros((e.size, d))
@@ -110,4 +110,4 @@ def _beside(stack: np.ndarray, some: slice, d: int) -> np.ndarray:
 
 def _right_turned(left: np.ndarray, stack: np.ndarray) -> np.ndarray:
     """``left`` times the transpose of each matrix of ``stack (B, m, D, n)``: ``(T, n, D, m)``."""
-    return _turned(_right(stack, turned(left)))
+    return _each_turned(_right(stack, turned(left)))

@@ -46,7 +46,7 @@ def diagnose(
     settings: TraceSettings | None = None,
     progress: Callable[[str, float], None] = untold,
     witness: Witness = silent,
-    outlook: Callable[[Diagnosis], None] = lambda diagnosis: None,
+    outlook: Callable[[Diagnosis], None] | None = None,
 ) -> Diagnosis:
     """Trace what a model lacks.
 
@@ -72,8 +72,8 @@ def diagnose(
     declared = fit_declared(problem)
     watch.stage("declared model")
     held = held_out_data(declared, validation)
-    if is_white(declared.root):
-        outlook(as_declared(declared, held, validation))
+    if outlook is not None and is_white(declared.root):
+        outlook(if_nothing_is_found(declared, held, validation))
     found = search(declared, held)
     watch.stage("search")
     found = with_final_masks(found)
@@ -132,7 +132,7 @@ def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutDa
     return HeldOutData(records, masks, before, choosing=len(declared.ledger.problem.records) == 1)
 
 
-def as_declared(declared: Declared, held: HeldOutData, validation: Sequence[Record]) -> Diagnosis:
+def if_nothing_is_found(declared: Declared, held: HeldOutData, validation: Sequence[Record]) -> Diagnosis:
     """What there is to report of the declared model alone, called consistent without a search; tests of the fitted records alone."""
     tests, scatter = residual_tests(declared.root, HeldOut(None, None), held), RecordScatter()
     judgement = Judgement(Verdict.CONSISTENT, declared.root, held.declared, declared.spikes, tests, ())

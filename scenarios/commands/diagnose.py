@@ -23,10 +23,10 @@ def diagnose_records(request: Request, out: Path | None, figures: Formats, *, pr
         def outlook(likely: Tracing) -> None:
             from scenarios.diagnosis.report.pictures.pictured import pictured
 
-            if drawer is not None:
-                drawer.draw_ahead(pictured(likely), figures)
+            assert drawer is not None
+            drawer.draw_ahead(pictured(likely), figures)
 
-        tracing = diagnose_files(request, tell, outlook=outlook)
+        tracing = diagnose_files(request, tell, outlook=outlook if drawer is not None else None)
         if out is not None:
             from scenarios.diagnosis.report.files import write_diagnosis
 

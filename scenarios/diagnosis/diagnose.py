@@ -37,7 +37,7 @@ def diagnose_files(
     request: Request,
     progress: Callable[[str, float], None] = lambda stage, share: None,
     trace: Trace | None = None,
-    outlook: Callable[[Tracing], None] = lambda tracing: None,
+    outlook: Callable[[Tracing], None] | None = None,
 ) -> Tracing:
     """Read everything, run the loop, and return its result with what went in.
 
@@ -45,7 +45,7 @@ def diagnose_files(
     ----------
     request : the files and how they are read. With none to validate on, the last of several records, or the last part of one, is held out.
     progress : told the stage and the share done, 0 to 1. trace : the loop; None takes ``ident.tracing.loop.diagnose``.
-    outlook : told before the search what its result is if it finds nothing, where that is likely.
+    outlook : told before the search what its result is if it finds nothing, where that is likely; again where inputs are read in another way.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def diagnose_files(
 
         def looped(posed: Posed) -> Diagnosis:
             given = (posed.records, posed.model, candidates, guards, posed.predicted, settings, progress, witness)
-            return run(*given, lambda likely: outlook(study.told(posed, likely)))
+            return run(*given, None if outlook is None else lambda likely: outlook(study.told(posed, likely)))
 
         diagnosis = looped(posed)
         part = moves_between_samples(diagnosis, candidates, posed.records)

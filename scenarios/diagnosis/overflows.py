@@ -29,7 +29,7 @@ class Trace(Protocol):
         settings: TraceSettings,
         progress: Callable[[str, float], None],
         witness: Witness,
-        outlook: Callable[[Diagnosis], None],
+        outlook: Callable[[Diagnosis], None] | None,
     ) -> Diagnosis: ...
 
 

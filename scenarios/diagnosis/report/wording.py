@@ -79,7 +79,8 @@ def _told(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:
 
 
 def parameter_text(claim: Claim, wording: Wording) -> str:
-    """All parameters with their sigmas, ``"half_width 0.401 +- 0.009 deg"``; those that the data do not determine together, behind the others."""
+    """All parameters with their sigmas, ``"half_width 0.401 +- 0.009 deg"``; behind them those that are not determined, of more than two one and
+    how many others."""
     units = _stick_units(claim, wording)
     vague = [name for name, quantity in claim.parameters.items() if not determined(quantity.value, quantity.std)]
     told = [f"{name} {with_sigma(quantity, units.get(name), name)}" for name, quantity in claim.parameters.items() if name not in vague]

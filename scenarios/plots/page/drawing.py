@@ -30,7 +30,7 @@ def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> 
 
 
 def leave_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> None:
-    """The same for another process to gather (``named.gathered``): each element in a file of its own."""
+    """The same, each element in a file of its own, for whoever makes the page to gather (``named.gathered``)."""
     shared_out([partial(_leave, stem, make, folder, formats) for stem, make in figures])
 
 

@@ -15,7 +15,7 @@ class Drawn:
     caption: str
 
 
-FRAGMENT = ".page"  # ending of the file in which another process leaves a figure of a page
+FRAGMENT = ".page"  # ending of the file in which a figure of a page is left for it
 
 
 def gathered(folder: Path) -> dict[str, str]:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 _BYTES = 2  # of a number in the pipe, which a system reads as a whole
+_MOST = 65536 // _BYTES  # numbers that a pipe holds
 
 
 def shared_out(works: Sequence[Callable[[], None]]) -> None:
-    """Do every work once, of which each leaves its result in files; the longest first share the time best.
+    """Do every work once, of which each leaves its result in files. With the longest first the two end at about the same time.
 
     Alone where there may be no fork, or where the system has no room for one. What a fork that failed had taken is done again here.
-    A work that raises ends this after the fork is waited for: nobody writes from here on.
+    A work that raises, and an interrupt, end this after the fork has ended its own: nobody writes from here on.
     """
-    if len(works) < 2 or not _may_fork():
+    if not 2 <= len(works) <= _MOST or not _may_fork():
         for work in works:
             work()
         return
@@ -24,16 +27,13 @@ def shared_out(works: Sequence[Callable[[], None]]) -> None:
     own: set[int] = set()
     failed = 0
     try:
-        helper = _fork()
-        if helper == 0:
-            _help(works, waiting)
+        helper = _helper(works, waiting)
         try:
             for number in _taken(waiting):
                 own.add(number)
                 works[number]()
         finally:
-            if helper is not None:
-                failed = os.waitpid(helper, 0)[1]
+            failed = _ended(helper, waiting) if helper is not None else 0
     finally:
         os.close(waiting)
     if failed:
@@ -55,23 +55,40 @@ def _taken(waiting: int) -> Iterator[int]:
         yield int.from_bytes(number, "little")
 
 
-def _help(works: Sequence[Callable[[], None]], waiting: int) -> None:
-    """What the fork does; it ends here, whatever happens."""
-    failed = 1
+def _helper(works: Sequence[Callable[[], None]], waiting: int) -> int | None:
+    """The id of a fork that takes works too and then ends; None where the system has no room for another process."""
+    with _undisturbed():  # an interrupt in between would let the fork go on as if it were this process
+        try:
+            helper = os.fork()
+        except OSError:
+            return None
+        if helper == 0:
+            failed = 1
+            try:
+                for number in _taken(waiting):
+                    works[number]()
+                failed = 0
+            finally:
+                os._exit(failed)
+        return helper
+
+
+def _ended(helper: int, waiting: int) -> int:
+    """Leave the fork nothing to take, wait until it has ended, and tell whether it failed."""
+    with _undisturbed():
+        for _ in _taken(waiting):
+            pass
+        return os.waitpid(helper, 0)[1]
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C waits until the body is left."""
+    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        for number in _taken(waiting):
-            works[number]()
-        failed = 0
+        yield
     finally:
-        os._exit(failed)
-
-
-def _fork() -> int | None:
-    """The helper's id, 0 within it; None where the system has no room for another process."""
-    try:
-        return os.fork()
-    except OSError:
-        return None
+        signal.pthread_sigmask(signal.SIG_SETMASK, former)
 
 
 def _may_fork() -> bool:

@@ -20,7 +20,7 @@ from sim.maths.elementary import absolute, each_column, maximum
 UNLIMITED = 1e9
 PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)  # peaks of the input run through in a second: from hardly felt to always behind
 HALF_AND_TWICE = "the same maneuver at half and at twice the size: only a rate limit makes large inputs later than small ones"
-_AHEAD = 32  # cells in which it is first looked for where a surface that is behind arrives
+_LONG = 16  # cells behind on one side from which it is worth following the surface many cells at a time
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class ActuatorRateLimit:
         return self if self.sized or not peak > 0.0 else replace(self, typical=3.0 * peak)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Mean of the exact response over each cell, for an input that is constant within cells; loops over changes of the input only.
+        """Mean of the exact response over each cell, for an input that is constant within cells; loops only while the surface is behind.
 
         While the command stands, the distance to it shrinks from d to max(d - rate h, 0) over a cell of length h; its mean is
         d - rate h/2, or d^2/(2 rate h) where the surface arrives within the cell.
@@ -109,22 +109,38 @@ def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
 
 def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
     """How far the surface is from each command as it is given; ``ways`` are the most it moves before the next."""
-    # Where it has arrived it is as far as the two commands are apart: what follows is for where it is behind.
+    # Where it has arrived it is as far as the two commands are apart: the loop runs only while it is behind.
     distances = np.append(commands[:1], commands[:-1]) - commands + 0.0 * ways
-    reach, changes, done, last = ways.real, commands[:-1] - commands[1:], 0, len(commands) - 1
+    reach, done, last = ways.real, 0, len(commands) - 1
+    target, most, most_real = commands.item, ways.item, reach.item  # a list of all would take longer than the loop
     for first in np.flatnonzero(np.abs(distances.real) > reach).tolist():
         if first < done:
             continue
-        done, length = first, _AHEAD
-        while done < last and abs(distances[done].real) > reach[done]:
-            # It moves one way until it arrives or is overtaken: looked for ever further ahead, and taken up to there.
-            side, stop = np.sign(distances[done].real), min(done + length, last)
-            path = distances[done] + np.cumsum(changes[done:stop] - side * ways[done:stop])
-            over = np.flatnonzero(side * path.real <= reach[done + 1 : stop + 1])
-            count = int(over[0]) + 1 if len(over) else len(path)
-            distances[done + 1 : done + 1 + count] = path[:count]
-            done, length = done + count, _AHEAD if len(over) else 2 * length
+        done, distance, begun, side = first, distances[first].item(), first, 0.0
+        while done < last and abs(distance.real) > most_real(done):
+            if (now := 1.0 if distance.real > 0.0 else -1.0) != side:
+                begun, side = done, now
+            if done - begun == _LONG:
+                path = _one_way(commands, ways, done, distance, side)
+                distances[done + 1 : done + 1 + len(path)] = path
+                done, distance, begun = done + len(path), path[-1].item(), done + len(path)
+                continue
+            distance = target(done) + (distance - side * most(done)) - target(done + 1)
+            done += 1
+            distances[done] = distance
     return distances
+
+
+def _one_way(commands: np.ndarray, ways: np.ndarray, start: int, distance: Any, side: float) -> np.ndarray:
+    """The distances after a cell, all at once, of a surface that is behind on one side, as far as it arrives or is overtaken: one at least."""
+    length, last = 2 * _LONG, len(commands) - 1
+    while True:
+        stop = min(start + length, last)
+        path = distance + np.cumsum(commands[start:stop] - commands[start + 1 : stop + 1] - side * ways[start:stop])
+        over = np.flatnonzero(side * path.real <= ways.real[start + 1 : stop + 1])
+        if len(over) or stop == last:
+            return path[: over[0] + 1] if len(over) else path
+        length *= 4
 
 
 VARIANTS: tuple[Traceable, ...] = (ActuatorRateLimit(), ActuatorRateLimit("stick", "1", 3.0))

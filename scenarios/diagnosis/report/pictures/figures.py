@@ -1,4 +1,4 @@
-"""Which figures a diagnosis gets, and the part of it that they show."""
+"""Which figures a diagnosis gets, and their captions."""
 
 from __future__ import annotations
 

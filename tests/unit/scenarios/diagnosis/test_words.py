@@ -53,7 +53,11 @@ def test_numbers_stand_in_the_units_that_people_fly_with() -> None:
 
 def test_parameters_that_are_not_determined_are_told_together() -> None:
     def told(count: int) -> str:
-        curve = {"trim": Quantity(0.2, 0.1, "1"), **{f"shape{k}": Quantity(0.1, 1e9, "1") for k in range(1, count + 1)}, "slope": Quantity(3.0, 0.1, "1")}
+        curve = {
+            "trim": Quantity(0.2, 0.1, "1"),
+            **{f"shape{k}": Quantity(0.1, 1e9, "1") for k in range(1, count + 1)},
+            "slope": Quantity(3.0, 0.1, "1"),
+        }
         return parameter_text(Claim("lift-nonlinearity", curve, (), False, ()), Wording())
 
     assert told(0) == "trim 0.20 +- 0.10, slope 3.00 +- 0.10"

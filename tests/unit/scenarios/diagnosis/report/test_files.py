@@ -183,8 +183,45 @@ def test_figures_are_drawn_here_when_the_process_has_died(tmp_path: Path) -> Non
     drawer.draw_ahead(picture, USUAL)
     with drawing(picture, tmp_path / "drawn", drawer):
         pass
+    drawer.stop()
     assert set(gathered(tmp_path / "drawn")) == {"evidence", "derivatives"}
     assert {entry.name for entry in (tmp_path / "drawn").iterdir()} == {"evidence.png", "derivatives.png"}
+
+
+def test_figures_are_drawn_here_when_there_is_no_room_to_tell_the_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    picture = replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=())
+
+    def full(**_: object) -> None:
+        raise OSError("no space")
+
+    with figure_process(True) as drawer:
+        assert drawer is not None
+        monkeypatch.setattr("tempfile.mkstemp", full)
+        drawer.draw_ahead(picture, USUAL)
+        with drawing(picture, tmp_path, drawer):
+            pass
+        assert drawer.process.returncode == 0
+    assert {entry.name for entry in tmp_path.iterdir()} >= {"evidence.png", "derivatives.png"}
+
+
+def test_the_process_has_ended_where_the_body_fails(tmp_path: Path) -> None:
+    with figure_process(True) as drawer:
+        assert drawer is not None
+        with pytest.raises(ValueError, match="broken"), drawing(pictured(tracing_of(Verdict.CONSISTENT, count=60)), tmp_path, drawer):
+            raise ValueError("broken")
+        assert drawer.process.returncode is not None
+    assert not drawer.aside.exists()
+
+
+def test_the_process_leaves_nothing_where_the_first_one_is_killed(tmp_path: Path) -> None:
+    (tmp_path / "aside").mkdir()
+    command = [sys.executable, "-m", "scenarios.diagnosis.report.pictures.process", str(tmp_path / "aside")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}) as process:
+        drawer = Drawer(process, tmp_path / "aside")
+        drawer.draw_ahead(replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=()), USUAL)
+        assert len(list(drawer.aside.iterdir())) == 2 and process.stdin is not None
+        process.stdin.close()
+    assert process.returncode == 0 and not drawer.aside.exists()
 
 
 def test_figures_are_drawn_where_nothing_forks_and_where_the_fork_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
@@ -13,10 +14,20 @@ import pytest
 from scenarios.plots.page.sharing import shared_out
 
 COUNT = 400  # more than the values of a byte
+HERE = os.getpid()
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no forks")
 
 
-def noted(file: Path, number: int, failing: Callable[[int], bool] = lambda number: False) -> None:
-    if failing(number):
+def noted(file: Path, number: int, failing: Callable[[], bool] = lambda: False) -> None:
+    """Note that the work was done, and by whom; the first that this process does waits until the other has begun one."""
+    begun = file.with_suffix(".begun")
+    if os.getpid() != HERE:
+        begun.touch()
+    until = time.monotonic() + 20.0
+    while os.getpid() == HERE and not begun.exists() and time.monotonic() < until:
+        time.sleep(0.001)
+    if failing():
         raise ValueError("broken")
     with file.open("ab", buffering=0) as lines:
         lines.write(f"{number} {os.getpid()}\n".encode())
@@ -38,24 +49,26 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_each_work_is_done_once_by_two_processes(tmp_path: Path) -> None:
     shared_out([partial(noted, tmp_path / "done", number) for number in range(COUNT)])
     counts, processes = done(tmp_path / "done")
-    assert counts == Counter(range(COUNT)) and len(processes) <= 2 and os.getpid() in processes
+    assert counts == Counter(range(COUNT)) and len(processes) == 2 and HERE in processes
 
 
 def test_beside_other_threads_all_is_done_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("threading.active_count", lambda: 2)
+    (tmp_path / "done.begun").touch()
     shared_out([partial(noted, tmp_path / "done", number) for number in range(9)])
-    assert done(tmp_path / "done") == (Counter(range(9)), {os.getpid()})
+    assert done(tmp_path / "done") == (Counter(range(9)), {HERE})
 
 
 @pytest.mark.usefixtures("alone")
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no forks")
 def test_what_a_fork_fails_at_is_done_here(tmp_path: Path) -> None:
-    here = os.getpid()
-    shared_out([partial(noted, tmp_path / "done", number, lambda _: os.getpid() != here) for number in range(9)])
-    assert done(tmp_path / "done") == (Counter(range(9)), {here})
+    shared_out([partial(noted, tmp_path / "done", number, lambda: os.getpid() != HERE) for number in range(9)])
+    assert done(tmp_path / "done") == (Counter(range(9)), {HERE}) and (tmp_path / "done.begun").exists()
 
 
 @pytest.mark.usefixtures("alone")
-def test_a_work_that_fails_here_ends_it(tmp_path: Path) -> None:
+def test_a_work_that_fails_here_leaves_the_fork_nothing_to_take(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="broken"):
-        shared_out([partial(noted, tmp_path / "done", number, lambda number: number == 0) for number in range(2)])
+        shared_out([partial(noted, tmp_path / "done", number, lambda: os.getpid() == HERE) for number in range(COUNT)])
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)  # it was waited for
+    assert not (tmp_path / "done").exists() or len(done(tmp_path / "done")[0]) < COUNT
