@@ -9,7 +9,7 @@ from dataclasses import replace
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.belief.evenness import behind_gaps, is_uneven
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
 from ident.tracing.ranking.choice import Choice
 from ident.tracing.selection.ledger import Key, Ledger
 from ident.tracing.validation.held_out import HeldOutData, predicted_by
@@ -19,9 +19,11 @@ from sim.declaration.effect import NoiseEffect
 
 
 def weighed(ledger: Ledger, choice: Choice, held: HeldOutData) -> Choice:
-    """The choice with all that it was compared with, what its process noise stands for (``uneven``, ``behind_gaps``), and its idle effects."""
+    """The choice with all that it was compared with, what its process noise stands for (``uneven``, ``behind_gaps``), its idle effects and the
+    events that bring little."""
     sets, left = sets_compared(ledger, choice), _left_by_causes(ledger, choice.best, held)
-    return replace(choice, sets=sets, uneven=bool(left) and is_uneven(left), behind_gaps=behind_gaps(left), idle=_idle(ledger, choice, held))
+    uneven, idle, slight = bool(left) and is_uneven(left), _idle(ledger, choice, held), _slight(ledger, choice.best)
+    return replace(choice, sets=sets, uneven=uneven, behind_gaps=behind_gaps(left), idle=idle, slight=slight)
 
 
 def _idle(ledger: Ledger, choice: Choice, held: HeldOutData) -> tuple[str, ...]:
@@ -42,6 +44,25 @@ def _idle(ledger: Ledger, choice: Choice, held: HeldOutData) -> tuple[str, ...]:
         plain = ledger.models.get(frozenset(other.name for other in rest)) or ledger.problem.fit(rest, best, None, rough=True)
         frozen = predicted_by(plain, held, informed=False).frozen if plain is not None else None
         if frozen is not None and frozen.cost < out.cost + least:
+            found.append(effect.name)
+    return tuple(found)
+
+
+def _slight(ledger: Ledger, best: FittedModel) -> tuple[str, ...]:
+    """Names of events of one record that bring little of what a set of three causes or more brings in all, what any record may have among them.
+
+    An event has a place of its own choice and no other record that could deny it: it takes what the others do not get quite right.
+    """
+    root = ledger.models.get(frozenset())
+    if root is None or len(best.effects) < thresholds.MANY_CAUSES or best.guards or has_process_noise(best.system):
+        return ()
+    found = []
+    for effect in best.foreground:
+        if not (is_event(effect) and belongs_to_record(effect)):
+            continue
+        rest = tuple(other for other in best.effects if other is not effect)
+        plain = ledger.models.get(frozenset(other.name for other in rest)) or ledger.problem.fit(rest, best, None, rough=True)
+        if plain is not None and plain.fit.cost - best.fit.cost < thresholds.LITTLE * (root.fit.cost - best.fit.cost):
             found.append(effect.name)
     return tuple(found)
 

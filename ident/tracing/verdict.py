@@ -22,6 +22,7 @@ from ident.tracing.weighed import Ground, Weighed
 from ident.whole_record.gauss_newton import Fit
 
 WIND = frozenset({"gust", "headwind"})  # ports by which the air moves
+OF_EVENTS = "an event has a free place, and one that small among three causes or more stands for what they do not get quite right"
 OF_MANY = ", or nearly so: of three causes or more each has to show there, or one that is not in the library is put together from them"
 
 
@@ -103,6 +104,9 @@ def verdict_on(
         idle, many = " and ".join(choice.idle), len(best.foreground) >= thresholds.MANY_CAUSES
         told = f"data that were not fitted are predicted {'as well' if many else 'better'} without {idle}{OF_MANY if many else ''}"
         return Verdict.UNEXPLAINED, [Caution(Concern.NO_IMPROVEMENT, told)]
+    if choice.slight:
+        told = f"{' and '.join(choice.slight)} brings hardly anything beside the others: {OF_EVENTS}"
+        return Verdict.UNEXPLAINED, [Caution(Concern.ONE_CAUSE, told)]
     if choice.uneven:
         told = "what fits best is turbulence, but what it would explain comes and goes with the motion: the cause is another"
         return Verdict.UNEXPLAINED, [Caution(Concern.GOES_WITH_MOTION, told)]

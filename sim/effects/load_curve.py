@@ -13,6 +13,8 @@ from sim.declaration.proposal import Probe, SearchContext
 from sim.declaration.traits import Traits
 from sim.maths.splines import combine, natural_shapes, shape_names
 
+_WIDEST = 30.0  # usual sizes up to which a shape is believed
+
 
 @dataclass(frozen=True)
 class LoadCurve:
@@ -58,7 +60,9 @@ class LoadCurve:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(Parameter(name, self.size / (1.0 + i), self.unit) for i, name in enumerate(shape_names(self.fine)))
+        # What the model does not reach must not run away: beside an angle that is read wrong it flies less than the record shows.
+        names = enumerate(shape_names(self.fine))
+        return tuple(Parameter(name, self.size / (1.0 + i), self.unit, prior_std=_WIDEST * self.size / (1.0 + i)) for i, name in names)
 
     @property
     def absent(self) -> Mapping[str, float]:
@@ -69,7 +73,7 @@ class LoadCurve:
         return Traits(
             sentences=(f"{self.load} is not linear in the angle of {'attack' if self.flown == 'alpha' else 'sideslip'}",),
             short_name=self.short_name,
-            plausible=dict.fromkeys(shape_names(self.fine), (-30.0 * self.size, 30.0 * self.size)),
+            plausible=dict.fromkeys(shape_names(self.fine), (-_WIDEST * self.size, _WIDEST * self.size)),
         )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:

@@ -20,7 +20,7 @@ class Choice:
     ``totals`` : criterion, ``misfits`` : twice the cost, of each set that was compared, by the names of its effects; with the cost of the
     data that were not fitted where these take part. Empty where nothing was compared. ``sets`` : the same for the probability of names, with
     others that the search passed. ``uneven`` : its process noise stands for what goes with the motion, ``behind_gaps`` for what missing rows
-    leave. ``idle`` : names that predict nothing.
+    leave. ``idle`` : names that predict nothing. ``slight`` : events beside others that bring hardly anything.
     """
 
     best: FittedModel
@@ -31,6 +31,7 @@ class Choice:
     uneven: bool = False
     behind_gaps: bool = False
     idle: tuple[str, ...] = ()
+    slight: tuple[str, ...] = ()
 
 
 def alternatives_of(choice: Choice, guards: frozenset[str]) -> dict[str, tuple[str, ...]]:

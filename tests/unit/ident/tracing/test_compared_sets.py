@@ -23,6 +23,7 @@ from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_step import SensorStep
 from sim.effects.sensor_path.vane_offset import VaneOffset
 from sim.record import Record
 from tests.rate_in_alpha import RateInAlpha
@@ -177,3 +178,26 @@ def test_of_three_causes_each_has_to_show_on_data_that_were_not_fitted() -> None
         if idle:
             verdict, cautions = verdict_on(problem, root, choice, [], ResidualTests(()), held)
             assert verdict is Verdict.UNEXPLAINED and "of three causes or more each has to show there" in cautions[0].sentence
+
+
+def test_of_three_causes_an_event_that_brings_little_beside_the_others_is_none() -> None:
+    """A zero of the pitch rate that jumps: by little beside two causes, by more, and by little beside one."""
+    step = SensorStep("q", "rad/s", 0.01)
+    both = {"sensor-lag:q.time_constant": 0.06, "vane-offset.arm": 12.0}
+    for effects, size, slight in (
+        ((SensorLag("q"), VaneOffset(), step), 5e-4, ("sensor-step:q",)),
+        ((SensorLag("q"), VaneOffset(), step), 2e-2, ()),
+        ((VaneOffset(), step), 5e-4, ()),
+    ):
+        known = {name: value for name, value in both.items() if any(name.startswith(effect.name) for effect in effects)}
+        known |= {"sensor-step:q.at": 5.0, "sensor-step:q.size": size}
+        problem = problem_of([planted(effects, known, 1)], effects)
+        root = fit_of(problem)
+        best = fit_of(problem, effects, root, known)
+        ledger = Ledger(problem).kept(root, root.criterion).kept(best, best.criterion)
+        choice = weighed(ledger, Choice(best, HeldOut(None, None)), HeldOutData())
+        assert choice.slight == slight
+        if slight:
+            verdict, cautions = verdict_on(problem, root, choice, [], ResidualTests(()), HeldOutData())
+            assert verdict is Verdict.UNEXPLAINED and [caution.concern for caution in cautions] == [Concern.ONE_CAUSE]
+            assert cautions[0].sentence.startswith("sensor-step:q brings hardly anything beside the others")
