@@ -42,7 +42,7 @@ def test_numbers_and_reports_are_the_same(flightid: CommandLine, tmp_path: Path,
     for printed in (told, identified):
         assert OWN in printed["own"] and alike(printed["own"]) == alike(printed["rigid"])
     hidden = scenario == "trace-delay"
-    assert ("TRACED" in told["own"]) == hidden and re.search("(pitch-rate|load-factor) error", told["own"])
+    assert ("TRACED" in told["own"]) == hidden and re.search("(angle-of-attack|pitch-rate|load-factor) error", told["own"])
     assert hidden <= ("kinematics alone" in told["own"]), "an aircraft's own model is asked for its kinematics"
     found, expected = (json.loads((folder / "diagnosis.json").read_text()) for folder in (folders["own"], folders["rigid"]))
     assert found["verdict"] == ("traced" if hidden else "consistent") and found["inputs"]["model"] == "my_model.py"

@@ -66,9 +66,17 @@ def test_what_a_fork_fails_at_is_done_here(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("alone")
-def test_a_work_that_fails_here_leaves_the_fork_nothing_to_take(tmp_path: Path) -> None:
+def test_a_work_that_fails_here_leaves_the_fork_nothing_to_take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    helpers: list[int] = []
+    fork = os.fork
+
+    def remembered() -> int:
+        helpers.append(fork())
+        return helpers[-1]
+
+    monkeypatch.setattr(os, "fork", remembered)
     with pytest.raises(ValueError, match="broken"):
         shared_out([partial(noted, tmp_path / "done", number, lambda: os.getpid() == HERE) for number in range(COUNT)])
     with pytest.raises(ChildProcessError):
-        os.waitpid(-1, os.WNOHANG)  # it was waited for
+        os.waitpid(helpers[0], os.WNOHANG)  # it was waited for
     assert not (tmp_path / "done").exists() or len(done(tmp_path / "done")[0]) < COUNT
