@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from ident.process_noise.innovations_model import has_process_noise
@@ -16,6 +16,7 @@ from ident.tracing.validation.held_out import HeldOutData, predicted_by
 from ident.tracing.weighed import ComparedSet
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.effect import NoiseEffect
+from sim.declaration.proposal import Traceable
 
 
 def weighed(ledger: Ledger, choice: Choice, held: HeldOutData) -> Choice:
@@ -41,7 +42,7 @@ def _idle(ledger: Ledger, choice: Choice, held: HeldOutData) -> tuple[str, ...]:
         rest = tuple(other for other in best.effects if other is not effect)
         if belongs_to_record(effect):
             continue
-        plain = ledger.models.get(frozenset(other.name for other in rest)) or ledger.problem.fit(rest, best, None, rough=True)
+        plain = _known_or_fitted(ledger, rest, best)
         frozen = predicted_by(plain, held, informed=False).frozen if plain is not None else None
         if frozen is not None and frozen.cost < out.cost + least:
             found.append(effect.name)
@@ -61,10 +62,15 @@ def _slight(ledger: Ledger, best: FittedModel) -> tuple[str, ...]:
         if not (is_event(effect) and belongs_to_record(effect)):
             continue
         rest = tuple(other for other in best.effects if other is not effect)
-        plain = ledger.models.get(frozenset(other.name for other in rest)) or ledger.problem.fit(rest, best, None, rough=True)
+        plain = _known_or_fitted(ledger, rest, best)
         if plain is not None and plain.fit.cost - best.fit.cost < thresholds.LITTLE * (root.fit.cost - best.fit.cost):
             found.append(effect.name)
     return tuple(found)
+
+
+def _known_or_fitted(ledger: Ledger, effects: Sequence[Traceable], start: FittedModel) -> FittedModel | None:
+    """A set as the search has fitted it, else roughly fitted from where another stands; None where it cannot be."""
+    return ledger.models.get(frozenset(effect.name for effect in effects)) or ledger.problem.fit(effects, start, None, rough=True)
 
 
 def _left_by_causes(ledger: Ledger, best: FittedModel, held: HeldOutData) -> list[Fit]:
@@ -75,7 +81,7 @@ def _left_by_causes(ledger: Ledger, best: FittedModel, held: HeldOutData) -> lis
     if not has_process_noise(best.system):
         return []
     rest = tuple(effect for effect in best.effects if not isinstance(effect, NoiseEffect))
-    plain = ledger.models.get(frozenset(effect.name for effect in rest)) or ledger.problem.fit(rest, best, None, rough=True)
+    plain = _known_or_fitted(ledger, rest, best)
     if plain is None or has_process_noise(plain.system):
         return []
     frozen = predicted_by(plain, held, informed=False).frozen
