@@ -20,6 +20,7 @@ from scenarios.plots.page.drawing import description, drawn_for_page, leave_for_
 from scenarios.plots.page.named import gathered
 from scenarios.plots.page.path_text import DOT, TOLERANCE, dots_data, path_data
 from scenarios.plots.style import MEASURED, finish, make_sheet, method_style, time_axis, y_label
+from tests.forks import remembered_forks
 
 MOST = 3_000_000  # bytes of a page
 _TOKEN = re.compile(r"([a-zA-Z])|(-?(?:\d+\.?\d*|\.\d+))")
@@ -154,14 +155,7 @@ def test_a_fork_is_waited_for_and_leaves_nothing_where_drawing_fails(tmp_path: F
     def broken() -> Figure:
         raise ValueError("broken")
 
-    helpers: list[int] = []
-    fork = os.fork
-
-    def noted() -> int:
-        helpers.append(fork())
-        return helpers[-1]
-
-    monkeypatch.setattr(os, "fork", noted)
+    helpers = remembered_forks(monkeypatch)
     monkeypatch.setattr("threading.active_count", lambda: 1)
     with pytest.raises(ValueError, match="broken"):
         drawn_for_page([("record", broken), ("fit", one)], tmp_path, ())

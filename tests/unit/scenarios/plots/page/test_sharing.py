@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from scenarios.plots.page.sharing import shared_out
+from tests.forks import remembered_forks
 
 COUNT = 400  # more than the values of a byte
 HERE = os.getpid()
@@ -67,14 +68,7 @@ def test_what_a_fork_fails_at_is_done_here(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("alone")
 def test_a_work_that_fails_here_leaves_the_fork_nothing_to_take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    helpers: list[int] = []
-    fork = os.fork
-
-    def remembered() -> int:
-        helpers.append(fork())
-        return helpers[-1]
-
-    monkeypatch.setattr(os, "fork", remembered)
+    helpers = remembered_forks(monkeypatch)
     with pytest.raises(ValueError, match="broken"):
         shared_out([partial(noted, tmp_path / "done", number, lambda: os.getpid() == HERE) for number in range(COUNT)])
     with pytest.raises(ChildProcessError):
