@@ -12,20 +12,38 @@ from scenarios.files.channel_names import CHANNEL_UNITS
 
 @dataclass(frozen=True)
 class ColumnChoice:
-    """Where one channel stands in a file.
+    """Where one channel is in a file, and what is computed from it.
 
     Attributes
     ----------
-    column : header of the column, with or without its unit in brackets.
-    unit : unit of the column; None leaves it to the header.
+    column : header of the column, with or without its unit in brackets; its number, counted from 1; or an expression over columns
+        (``scenarios.files.measured.expressions``). In a log of several topics ``topic.field``.
+    unit : unit of the column or of the expression's result; None leaves it to the header, or to the units of the columns.
+    scale, offset : the channel is ``scale * column + offset``, in ``unit``.
+    delay : s, by which the column was recorded late: the channel at ``t`` is the column at ``t + delay``.
+    table : calibration ``(x1, ...), (y1, ...)``: the channel is linear between the points, in ``unit``; before ``scale``.
+    hold : ``"previous"`` or ``"linear"``: between samples of a column that is slower than the record; None: by the data.
     """
 
-    column: str
+    column: str | int
     unit: str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    delay: float = 0.0
+    table: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    hold: str | None = None
+
+    @property
+    def computed(self) -> bool:
+        """Whether anything but the column's own numbers is wanted."""
+        return (self.scale, self.offset, self.delay, self.table) != (1.0, 0.0, 0.0, None)
 
 
 def read_channel_map(path: str | Path | Mapping[str, Any], known: Iterable[str] = CHANNEL_UNITS) -> dict[str, ColumnChoice]:
-    """Channel name -> column, from a TOML file with lines such as ``alpha = {column = "AoA1", unit = "deg"}`` or ``alpha = "AoA1"``, or as a mapping.
+    """Channel name -> column, from a TOML file or as a mapping.
+
+    Lines are such as ``alpha = "AoA1"``, ``alpha = {column = "AoA1", unit = "deg"}``, ``q = {column = 4, unit = "deg/s"}``,
+    ``elevator = {column = "0.5*(elevon_left + elevon_right)", unit = "deg"}`` or ``elevator = {sum = ["a", "b"], scale = 0.5}``.
 
     ``known``: all channels that there are.
 
@@ -40,4 +58,4 @@ def read_channel_map(path: str | Path | Mapping[str, Any], known: Iterable[str] 
     content, where = (path, "channels") if isinstance(path, Mapping) else (read_toml(path), path)
     chosen = checked(schema, content, where)
     entries = {field.alias or name: getattr(chosen, name) for name, field in schema.model_fields.items()}
-    return {name: ColumnChoice(entry.column, entry.unit) for name, entry in entries.items() if entry is not None}
+    return {name: entry.choice() for name, entry in entries.items() if entry is not None}

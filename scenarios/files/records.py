@@ -1,21 +1,47 @@
-"""A record from a user's CSV, Parquet or MAT file, in SI units, every fault told by file, row and column."""
+"""A record from a user's file, in SI units; every fault is reported with file, row and column."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.cells import Numbers, Table, mark_fault, numbers
+from scenarios.files.formats.cells import Numbers, Table, mark_fault, numbers
+from scenarios.files.measured.clock import grid_of_coarse_stamps, sorted_rows
 from scenarios.files.measured.columns import Column, column_place, find_column, missing_column, named_otherwise
+from scenarios.files.measured.derived import clock_of, clock_place, leaps, stated_unit, with_derived
 from scenarios.files.measured.record_file import RecordFile, read_record_file
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """Rows of a table between two times.
+
+    Attributes
+    ----------
+    time : shape ``(N,)``, s, increasing. rows : the block of rows in the file's order.
+    order : position in the block of each sample; None where the block is in order as it is.
+    notes : what was done with the time stamps, one sentence each.
+    """
+
+    time: np.ndarray
+    rows: slice
+    order: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
+
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """The samples of a column in the window."""
+        cut = values[self.rows]
+        return cut if self.order is None else cut[self.order]
 
 
 def read_record(
@@ -29,12 +55,13 @@ def read_record(
     hold: Hold | None = None,
     instead: Mapping[str, str] | None = None,
     known: Mapping[str, str] = CHANNEL_UNITS,
+    rate: float | None = None,
 ) -> Record:
-    """The channels of a model from a file of any of our formats.
+    """The channels of a model from a file of any format.
 
     Parameters
     ----------
-    source : ``.csv`` (also ``.gz``), ``.parquet`` or ``.mat``; or the file as it was read.
+    source : a file of any format of ``scenarios.files.formats``; or the file as it was read.
     model_inputs : inputs; each must be there, without a gap.
     model_outputs : outputs; those that are absent are left out, one must be there.
     channel_map : channel -> column, where headers are not ours; else the file's own.
@@ -44,6 +71,7 @@ def read_record(
     instead : output -> channel that is read, under its own name, where that output has no column.
     hold : behaviour of the inputs between samples; None: as the sidecar says, else previous.
     known : all channels that there are, and their units inside.
+    rate : Hz; the samples per second of a file without a clock, and the grid on which topics of a log are put.
     SI, radians and g inside; the stick keeps its numbers and its unit as a label. Columns that nobody asked
     for are never looked at. Row numbers in messages are the file's: the first line of a CSV file is row 1, the
     first sample of a Parquet or MAT file is row 1.
@@ -55,35 +83,65 @@ def read_record(
     ------
     RecordError : anything that keeps the file from being used as it stands.
     """
+    return read_with_notes(source, model_inputs, model_outputs, channel_map, start, stop, optional, hold, instead, known, rate)[0]
+
+
+def read_with_notes(
+    source: str | Path | RecordFile,
+    model_inputs: Sequence[str] = (),
+    model_outputs: Sequence[str] = (),
+    channel_map: Mapping[str, ColumnChoice] | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+    optional: Sequence[str] = (),
+    hold: Hold | None = None,
+    instead: Mapping[str, str] | None = None,
+    known: Mapping[str, str] = CHANNEL_UNITS,
+    rate: float | None = None,
+) -> tuple[Record, tuple[str, ...]]:
+    """As ``read_record``, and what was decided about the file, one sentence each: encoding, clock, merged topics, continued inputs."""
     file = source if isinstance(source, RecordFile) else read_record_file(source)
-    table, channel_map = file.table, channel_map or file.choices
+    channel_map = channel_map or file.choices
+    others = list(dict.fromkeys((*model_outputs, *optional, *(instead or {}).values())))
+    way = None if hold is None else hold.value
+    file, channel_map = with_derived(file, channel_map, model_inputs, others, rate=rate, hold=way, known=known)
+    table = file.table
     further = {name for name in optional if name not in (*model_inputs, *model_outputs)} if model_outputs else set()
-    wanted = [TIME, *model_inputs, *model_outputs, *(name for name in optional if name not in model_outputs)]
+    wanted = [*model_inputs, *model_outputs, *(name for name in optional if name not in model_outputs)]
     columns = _columns(file, wanted, further, channel_map, known)
     substitutes = [other for name, other in (instead or {}).items() if columns.get(name, ...) is None and other not in columns]
     columns |= _columns(file, substitutes, set(), channel_map, known)
     wanted += substitutes
-    for name in (TIME, *model_inputs):
+    for name in model_inputs:
         if columns[name] is None:
             raise missing_column(name, table.header, table.file)
-    outputs = [name for name in wanted[1 + len(model_inputs) :] if columns[name] is not None]
+    outputs = [name for name in wanted[len(model_inputs) :] if columns[name] is not None]
     needed = [name for name in outputs if name in (*model_outputs, *substitutes)] if model_outputs else outputs
     if not needed and (model_outputs or optional):
         raise missing_column((*model_outputs, *optional)[0], table.header, table.file)
-    time, rows = _time(table, _there(columns[TIME]), start, stop)
-    outputs = [name for name in outputs if name not in further or not _empty(table, _there(columns[name]), rows)]
-    return Record(
-        time,
-        tuple(_channel(table, _there(columns[name]), rows, is_input=True) for name in model_inputs),
-        tuple(_channel(table, _there(columns[name]), rows, is_input=False) for name in outputs),
+    window = _time(table, _clock_column(file, channel_map, known, rate), start, stop, rate)
+    outputs = [name for name in outputs if name not in further or not _empty(table, _there(columns[name]), window.rows)]
+    notes = [*file.notes, *window.notes]
+    inputs = []
+    for name in model_inputs:
+        choice = (channel_map or {}).get(name)
+        channel, note = _input(table, _there(columns[name]), window, (choice.hold if choice is not None else None) or way)
+        inputs.append(channel)
+        notes += [note] if note else []
+    record = Record(
+        window.time,
+        tuple(inputs),
+        tuple(_channel(table, _there(columns[name]), window) for name in outputs),
         file.sidecar.hold if hold is None else hold,
         file.sidecar.name or file.path.name,
     )
+    return record, tuple(notes)
 
 
 def window_of(file: RecordFile, start: float | None = None, stop: float | None = None) -> tuple[np.ndarray, slice]:
     """Time stamps of a file between two times, s, checked as ``read_record`` checks them, and their rows. Raises RecordError."""
-    return _time(file.table, column_of(file, TIME), start, stop)
+    window = _time(file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), start, stop, None)
+    return window.time, window.rows
 
 
 def column_of(file: RecordFile, channel: str) -> Column:
@@ -102,7 +160,7 @@ def _columns(
     return {
         name: None
         if name in further and named_otherwise(name, header, channel_map)
-        else find_column(name, header, file.table.file, channel_map, file.sidecar.units, known, file.table.units)
+        else find_column(name, header, file.table.file, channel_map, file.sidecar.units, known, file.table.units, lenient=file.table.stated_apart)
         for name in names
     }
 
@@ -133,15 +191,51 @@ def _boundary(before: np.ndarray, after: np.ndarray) -> int:
     return int(np.argmin(wrong_ahead + wrong_behind))
 
 
-def _time(table: Table, column: Column, start: float | None, stop: float | None) -> tuple[np.ndarray, slice]:
+def _clock_column(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None, known: Mapping[str, str], rate: float | None) -> Column | None:
+    """The column of the clock: ``time``, else another name of a clock; None where the file has none and its rate is known."""
+    column = _columns(file, [TIME], set(), channel_map, known)[TIME]
+    table = file.table
+    if column is not None:
+        mapped = (channel_map or {}).get(TIME)
+        said = column.unit if mapped is not None and mapped.unit is not None else stated_unit(table, column.index)
+        if said is None and column.unit != CHANNEL_UNITS[TIME]:
+            said = column.unit  # ``time_ms``, or the sidecar's word
+        return replace(column, unit=said or "")
+    place = clock_place(table)
+    if place is not None:
+        return Column(TIME, table.header[place], place, stated_unit(table, place) or "", CHANNEL_UNITS[TIME])
+    if rate is not None:
+        return None
+    raise missing_clock(table)
+
+
+def missing_clock(table: Table) -> RecordError:
+    """The error for a table in which no column is a clock."""
+    error = missing_column(TIME, table.header, table.file)
+    unnamed = bool(table.header) and table.header[0] == "column 1"
+    names = ",".join([TIME, *(f"NAME{n}" for n in range(2, min(len(table.header), 4) + 1))])
+    remedy = f"name the columns with --columns {names}{',...' if len(table.header) > 4 else ''}" if unnamed else error.remedy
+    return RecordError(error.what, where=error.where, remedy=f"{remedy}; of a record without a clock give --rate HZ")
+
+
+def _time(table: Table, column: Column | None, start: float | None, stop: float | None, rate: float | None) -> Window:
     """Checked time stamps of the window, s, and its rows."""
     for option, bound in (("--from", start), ("--to", stop)):
         if bound is not None and math.isnan(bound):
             raise RecordError(f"{option} is not a number", where=table.file, remedy="give a time in s")
     if start is not None and stop is not None and start >= stop:
         raise RecordError(f"--from {start:g} is not before --to {stop:g}", where=table.file, remedy="give the earlier time first")
-    stamps = _sized(table, column)
-    time = np.asarray(to_si(stamps.values, column.unit, CHANNEL_UNITS[TIME], column_place(table.file, column)))
+    if column is None:
+        assert rate is not None
+        time, notes = np.arange(table.rows.size) / rate, [f"the file has no clock: its rows are taken at {rate:g} Hz"]
+        stamps, column = Numbers(time, {}), Column(TIME, TIME, 0, "s", "s")
+    else:
+        if len(table.columns[column.index]) != table.rows.size:
+            _sized(table, column)
+        clock = clock_of(table, column.index, column.unit or None)
+        time, notes = clock.time, list(clock.notes)
+        texts = numbers(table, column.index).texts if not np.all(np.isfinite(time)) else {}
+        stamps = Numbers(time, texts)
     rows = rows_between(time, start, stop)
     cut = time[rows]
     finite = time[np.isfinite(time)]
@@ -154,29 +248,82 @@ def _time(table: Table, column: Column, start: float | None, stop: float | None)
         raise RecordError("time is missing", where=where, remedy="give every row a time, or cut with --from and --to")
     if cut.size == 1:
         raise RecordError("one sample only", where=_cell(table, column, rows.start), remedy="a record needs at least two rows")
-    for position in np.flatnonzero(np.diff(cut) <= 0):
-        earlier, later = cut[position], cut[position + 1]
-        what = "time is repeated" if earlier == later else "time goes back"
-        where = _cell(table, column, rows.start + int(position) + 1)
-        raise RecordError(f"{what} ({earlier:.9g} s, then {later:.9g} s)", where=where, remedy="sort the rows and remove duplicates")
-    return cut, rows
+    even = grid_of_coarse_stamps(cut)
+    if even is not None:
+        return Window(even[0], rows, None, (*notes, even[1]))
+    wrong = np.flatnonzero(np.diff(cut) <= 0)
+    if not wrong.size:
+        return Window(cut, rows, None, tuple(notes))
+    ordered = sorted_rows(cut, _repeats(table, cut, rows))
+    if ordered is not None:
+        return Window(ordered.time, rows, ordered.order, (*notes, *ordered.notes))
+    first = int(wrong[0])
+    earlier, later = cut[first], cut[first + 1]
+    what = "time is repeated" if earlier == later else "time goes back"
+    where = _cell(table, column, rows.start + first + 1)
+    more = f", and in {wrong.size - 1} more rows" if wrong.size > 1 else ""
+    raise RecordError(f"{what} ({earlier:.9g} s, then {later:.9g} s{more})", where=where, remedy="sort the rows and remove duplicates")
 
 
-def _channel(table: Table, column: Column, rows: slice, *, is_input: bool) -> Channel:
+def _repeats(table: Table, time: np.ndarray, rows: slice) -> np.ndarray:
+    """Rows that have the time and every cell of another row before them, in the order of their times; shape ``(N,)``."""
+    order = np.argsort(time, kind="stable")
+    found = np.zeros(time.size, dtype=bool)
+    for earlier, later in pairwise(order):
+        if time[earlier] == time[later]:
+            cells = ((column[rows.start + earlier], column[rows.start + later]) for column in table.columns)
+            found[later] = all(one == two or (one != one and two != two) for one, two in cells)
+    return found
+
+
+def _input(table: Table, column: Column, window: Window, way: str | None) -> tuple[Channel, str]:
+    """An input; one that was recorded at a lower rate than the rows is continued between its own samples, and a sentence says how.
+
+    Its own samples count as a lower rate where no two lie further apart than two and a half of their usual distance.
+    """
     content = _sized(table, column)
-    _check_cells(table, column, content, rows)
-    place = column_place(table.file, column)
-    values = content.values[rows]
-    gaps = np.flatnonzero(np.isnan(values))
-    if gaps.size == values.size:
-        span = f" from row {table.rows[rows.start]} to row {table.rows[rows.stop - 1]}"
-        raise RecordError(f"not a single number{span}", where=place, remedy="leave the column out, or read other rows with --from and --to")
-    if is_input and gaps.size:
-        where = _cell(table, column, rows.start + int(gaps[0]))
+    _check_cells(table, column, content, window.rows)
+    values = window.of(content.values)
+    known = np.flatnonzero(np.isfinite(values))
+    if known.size == values.size or known.size < 3:
+        return _channel(table, column, window), ""
+    time = window.time
+    own = np.diff(time[known])
+    usual = float(np.median(own))
+    ends = max(time[known[0]] - time[0], time[-1] - time[known[-1]])
+    if np.median(np.diff(known)) < 2 or max(float(own.max()), ends) > 2.5 * usual:
+        where = _cell(table, column, _row_of(window, int(np.flatnonzero(~np.isfinite(values))[0])))
         raise RecordError("an input sample is missing", where=where, remedy="fill the gap, or cut the record there with --from and --to")
+    chosen = way or ("previous" if leaps(values[known]) else "linear")
+    if chosen == "previous":
+        filled = values[known[np.clip(np.searchsorted(known, np.arange(values.size), side="right") - 1, 0, known.size - 1)]]
+    else:
+        filled = np.interp(time, time[known], values[known])
+    said = "held" if chosen == "previous" else "joined by lines"
+    note = f"{column.channel} has a sample every {usual:.3g} s; between them it is {said} (hold in the channel map, or --hold, decides otherwise)"
+    return _converted(table, column, filled), note
+
+
+def _channel(table: Table, column: Column, window: Window) -> Channel:
+    content = _sized(table, column)
+    rows = window.rows
+    _check_cells(table, column, content, rows)
+    values = window.of(content.values)
+    if np.all(np.isnan(values)):
+        span = f" from row {table.rows[rows.start]} to row {table.rows[rows.stop - 1]}"
+        place = column_place(table.file, column)
+        raise RecordError(f"not a single number{span}", where=place, remedy="leave the column out, or read other rows with --from and --to")
+    return _converted(table, column, values)
+
+
+def _converted(table: Table, column: Column, values: np.ndarray) -> Channel:
     if not column.inside:
         return Channel.of(column.channel, column.unit, values)
-    return Channel.of(column.channel, column.inside, np.asarray(to_si(values, column.unit, column.inside, place)))
+    return Channel.of(column.channel, column.inside, np.asarray(to_si(values, column.unit, column.inside, column_place(table.file, column))))
+
+
+def _row_of(window: Window, sample: int) -> int:
+    return window.rows.start + (sample if window.order is None else int(window.order[sample]))
 
 
 def _empty(table: Table, column: Column, rows: slice) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.cells import MISSING, one_line
+from scenarios.files.formats.cells import MISSING, one_line
 from scenarios.files.measured.columns import Column, column_place, find_column, missing_column
 from scenarios.files.units import to_si
 from sim.errors import RecordError

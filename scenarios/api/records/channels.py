@@ -10,7 +10,7 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.declarations import closest
-from scenarios.files.measured.cells import numbers
+from scenarios.files.formats.cells import numbers
 from scenarios.files.measured.columns import Column as Found
 from scenarios.files.measured.columns import split_header, suffix_unit
 from scenarios.files.measured.record_file import RecordFile

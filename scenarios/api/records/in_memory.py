@@ -13,7 +13,7 @@ import numpy as np
 
 from scenarios.files.channel_names import TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.cells import Table, one_line
+from scenarios.files.formats.cells import Table, one_line
 from scenarios.files.measured.columns import split_header
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.measured.sidecar import Sidecar

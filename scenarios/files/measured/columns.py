@@ -12,6 +12,7 @@ from scenarios.files.declarations import closest
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 
+_ELEMENT = re.compile(r"\w+\[(0|[2-9]|\d\d+)\]")  # an element of an array, as q[0]; of q[1] the unit may be 1
 _BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
 
@@ -38,7 +39,7 @@ class Column:
 def split_header(cell: str) -> tuple[str, str | None]:
     """Name and unit of ``name [unit]`` or ``name (unit)``; the unit is None without brackets."""
     found = _BRACKETS.fullmatch(cell)
-    if found is None or not found[1]:
+    if found is None or not found[1] or _ELEMENT.fullmatch(cell):
         return cell, None
     return found[1], (found[2] if found[2] is not None else found[3]).strip()
 
@@ -59,13 +60,16 @@ def find_column(
     units: Mapping[str, str] | None = None,
     known: Mapping[str, str] = CHANNEL_UNITS,
     under: Sequence[str] = (),
+    *,
+    lenient: bool = False,
 ) -> Column | None:
     """The column of a channel, None if the table has none.
 
     A channel in ``choices`` is looked for under that header alone. Else ``alpha``, ``alpha [deg]`` and ``alpha_deg``
     count; a ``alpha_word`` whose word is no unit of an angle counts as another signal if there is an ``alpha`` besides.
     ``units`` (the sidecar's) hold for headers without a unit, before them ``under``, the row of units under the header. ``known``: all
-    channels that there are, and their units inside; a header that is another channel's name is that channel's alone.
+    channels that there are, and their units inside; a header that is another channel's name is that channel's alone. ``lenient``: a unit
+    in ``under`` that cannot be one of the channel is left out, as the units are metadata that recorders fill in carelessly.
 
     Raises
     ------
@@ -76,14 +80,15 @@ def find_column(
         raise RecordError(f"there is no channel {channel!r}", where=file, remedy=closest(channel, known))
     default, inside = (units or {}).get(channel, known[channel]), inside_unit(channel, known)
     if choices is not None and channel in choices:
-        return _mapped(channel, choices[channel], header, file, default, inside, under)
+        return _mapped(channel, choices[channel], header, file, default, inside, under, lenient=lenient)
     named, suffixed = [], []
-    for index, cell in enumerate(header):
+    cells = _in_our_case(channel, header, known)
+    for index, cell in enumerate(cells):
         name, unit = split_header(cell)
         if name == channel:
-            named.append(Column(channel, cell, index, default if unit is None else unit or default, inside))
+            named.append(Column(channel, header[index], index, default if unit is None else unit or default, inside))
         elif name not in known and (word := suffix_unit(cell, channel)) is not None:
-            suffixed.append(Column(channel, cell, index, word, inside))
+            suffixed.append(Column(channel, header[index], index, word, inside))
     readable = [column for column in suffixed if _unit_fault(column, file) is None]
     found = named + readable if inside else named or suffixed  # any word is a label
     if len(found) > 1:
@@ -93,7 +98,21 @@ def find_column(
     if not chosen:
         return None
     said = chosen[0] in suffixed or split_header(chosen[0].header)[1] is not None
-    return _sound(_with_unit_under(chosen[0], under, file, said=said), file)
+    return _sound(_with_unit_under(chosen[0], under, file, said=said, lenient=lenient), file)
+
+
+def _in_our_case(channel: str, header: Sequence[str], known: Mapping[str, str]) -> Sequence[str]:
+    """The header with ``Elevator`` and ``ALPHA`` written as the channel is, where no cell is written so and no other channel is meant."""
+    if any(split_header(cell)[0] == channel for cell in header):
+        return header
+    cells = list(header)
+    for index, cell in enumerate(header):
+        name = split_header(cell)[0]
+        if name.lower() == channel.lower() and name not in known:
+            cells[index] = channel + cell[len(name) :]
+        elif name not in known and name[: len(channel) + 1].lower() == f"{channel.lower()}_" and not name.startswith(channel):
+            cells[index] = channel + cell[len(channel) :].lower()
+    return cells
 
 
 def inside_unit(channel: str, known: Mapping[str, str] = CHANNEL_UNITS) -> str:
@@ -122,9 +141,11 @@ def column_place(file: str, column: Column) -> str:
     return f"{file}, column {column.header!r}"
 
 
-def _with_unit_under(column: Column, under: Sequence[str], file: str, *, said: bool) -> Column:
+def _with_unit_under(column: Column, under: Sequence[str], file: str, *, said: bool, lenient: bool) -> Column:
     """The column in the unit of the row under its header, where that says one; ``said``: the header says one too, and both must be the same."""
     told = under[column.index] if under else ""
+    if lenient and told and _unit_fault(replace(column, unit=told), file) is not None:
+        told = ""
     if not told or not said:
         return replace(column, unit=told) if told else column
     if not _same_unit(column.unit, told, column.inside):
@@ -148,7 +169,10 @@ def _sound(column: Column, file: str) -> Column:
     return column
 
 
-def _mapped(channel: str, choice: ColumnChoice, header: Sequence[str], file: str, default: str, inside: str, under: Sequence[str]) -> Column:
+def _mapped(
+    channel: str, choice: ColumnChoice, header: Sequence[str], file: str, default: str, inside: str, under: Sequence[str], *, lenient: bool
+) -> Column:
+    assert isinstance(choice.column, str)  # numbers are resolved before
     found = [index for index, cell in enumerate(header) if cell == choice.column]
     found = found or [index for index, cell in enumerate(header) if split_header(cell)[0] == choice.column]
     if not found:
@@ -162,7 +186,7 @@ def _mapped(channel: str, choice: ColumnChoice, header: Sequence[str], file: str
         return _sound(Column(channel, cell, found[0], choice.unit or default, inside), file)
     unit = split_header(cell)[1]
     column = Column(channel, cell, found[0], unit or default, inside)
-    return _sound(_with_unit_under(column, under, file, said=bool(unit)), file)
+    return _sound(_with_unit_under(column, under, file, said=bool(unit), lenient=lenient), file)
 
 
 def _unit_fault(column: Column, file: str) -> RecordError | None:

@@ -6,10 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.cells import Table
+from scenarios.files.formats.cells import Table
+from scenarios.files.formats.registry import topics_of
+from scenarios.files.formats.topic import Topic
 from scenarios.files.measured.sidecar import Sidecar, read_sidecar
-from scenarios.files.measured.tables import table_of
 from scenarios.files.sources import InputFile, read_source
 from sim.errors import RecordError
 
@@ -19,7 +22,8 @@ class RecordFile:
     """A record file's path, its cells as they stand, what the JSON beside it says, and its name with the hash of what was read.
 
     ``identity.name`` is what the file is called wherever it is spoken of: its bare name, with folders where another is called the same.
-    ``choices``: a channel map of its own. ``in_memory``: it never was a file, and ``path`` is its name alone.
+    ``choices``: a channel map of its own. ``in_memory``: it never was a file, and ``path`` is its name alone. ``topics``: those of a log with
+    several clocks, of which ``table`` then has the headers alone, as ``topic.field``. ``notes``: how the file was understood.
     """
 
     path: Path
@@ -28,6 +32,8 @@ class RecordFile:
     identity: InputFile
     choices: Mapping[str, ColumnChoice] = field(default_factory=dict)
     in_memory: bool = False
+    topics: tuple[Topic, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"<RecordFile {self.path}: {self.table!r}>"
@@ -41,7 +47,35 @@ def read_record_file(path: str | Path) -> RecordFile:
     RecordError : the file is missing, unreadable, empty, not UTF-8, or has a header and no rows; the sidecar says what cannot be used.
     """
     source = read_source(path, RecordError, "the record file")
-    return RecordFile(source.path, table_of(source), read_sidecar(source.path), source.identity)
+    topics = topics_of(source)
+    sidecar = read_sidecar(source.path)
+    if len(topics) == 1:
+        return RecordFile(source.path, topics[0].table, sidecar, source.identity, notes=topics[0].notes)
+    notes = tuple(f"{topic.name}: {note}" for topic in topics for note in topic.notes)
+    return RecordFile(source.path, _headers_of(source.path, topics), sidecar, source.identity, topics=topics, notes=notes)
+
+
+def with_names(file: RecordFile, names: Sequence[str]) -> RecordFile:
+    """The file with its columns named anew, in their order.
+
+    Raises
+    ------
+    RecordError : not one name for each column, or a log of several topics.
+    """
+    if not names:
+        return file
+    if file.topics:
+        raise RecordError("a log of several topics has names of its own", where="--columns", remedy="leave it out, and use a channel map")
+    if len(names) != len(file.table.header):
+        what = f"{len(names)} names for {len(file.table.header)} columns of {file.path.name}"
+        raise RecordError(what, where="--columns", remedy="give one name a column, separated by commas")
+    return replace(file, table=replace(file.table, header=tuple(name.strip() for name in names)))
+
+
+def _headers_of(path: Path, topics: Sequence[Topic]) -> Table:
+    """A table without rows that has all columns of a log, for messages."""
+    header = tuple(f"{topic.name}.{cell}" for topic in topics for cell in topic.table.header)
+    return Table(str(path), header, tuple(np.zeros(0) for _ in header), np.zeros(0, dtype=int))
 
 
 def read_record_files(records: Iterable[Path | RecordFile]) -> tuple[RecordFile, ...]:

@@ -26,6 +26,7 @@ class Table:
     ragged : cells found in the rows (by position) that have more or fewer than the header.
     units : the row of units under the header, empty where a cell says nothing; none at all where there is no such row.
     separator : what stands between the cells of a text file, else empty.
+    stated_apart : whether ``units`` are metadata of the file, which recorders fill in carelessly, and no row that somebody wrote.
     decimal_comma : whether the numbers are written with a comma where others write a point.
     """
 
@@ -37,6 +38,7 @@ class Table:
     units: tuple[str, ...] = ()
     separator: str = ""
     decimal_comma: bool = False
+    stated_apart: bool = False
 
     def __repr__(self) -> str:
         return f"<Table {self.file}: {self.rows.size} rows of {len(self.header)} columns>"

@@ -1,0 +1,72 @@
+"""Which reader takes which file. A new format is one new module in this package; this one finds it by itself."""
+
+from __future__ import annotations
+
+import gzip
+import importlib
+import pkgutil
+import zlib
+from functools import lru_cache
+from pathlib import Path
+
+from scenarios.files import formats
+from scenarios.files.formats.topic import Reader, Topic, as_module, damaged
+from scenarios.files.sources import Source
+from sim.errors import RecordError
+
+NOT_READERS = ("cells", "layout", "registry", "topic")
+GZIP = b"\x1f\x8b"
+MOST = 2**31  # bytes that a compressed file may unpack to
+
+
+@lru_cache(maxsize=1)
+def readers() -> dict[str, Reader]:
+    """Module name -> reader, in alphabetical order, ``text`` last: it takes whatever no other format claims."""
+    names = sorted(module.name for module in pkgutil.iter_modules(formats.__path__) if module.name not in NOT_READERS)
+    ordered = [*(name for name in names if name != "text"), "text"]
+    return {name: as_module(importlib.import_module(f"{formats.__name__}.{name}")) for name in ordered}
+
+
+def reader_for(path: Path, raw: bytes) -> Reader:
+    """The reader whose first bytes the file has, else the one of its suffix, else the reader of text."""
+    for reader in readers().values():
+        if any(raw.startswith(mark) for mark in reader.MAGIC):
+            return reader
+    suffix = path.suffix.lower()
+    return next((reader for reader in readers().values() if suffix in reader.SUFFIXES), readers()["text"])
+
+
+def topics_of(source: Source) -> tuple[Topic, ...]:
+    """The topics in a file of any format; a gzip file is unpacked first.
+
+    Raises
+    ------
+    RecordError : the file is empty or damaged, its library is not installed, or it holds no row.
+    """
+    path, raw = source.path, source.content
+    if not raw:
+        raise RecordError("the file is empty", where=str(path), remedy="give a header row and one row a sample")
+    inner = path
+    if raw.startswith(GZIP) or path.suffix.lower() == ".gz":
+        raw, inner = _unpacked(path, raw), path.with_suffix("") if path.suffix.lower() == ".gz" else path
+    topics = reader_for(inner, raw).read(path, raw)
+    filled = tuple(topic for topic in topics if topic.table.rows.size)
+    if not filled:
+        raise RecordError("there is a header but no rows", where=str(path), remedy="give one row a sample")
+    return filled
+
+
+def _unpacked(path: Path, raw: bytes) -> bytes:
+    unpacker = zlib.decompressobj(wbits=31)
+    try:
+        content = unpacker.decompress(raw, MOST + 1)
+        if len(content) <= MOST and not unpacker.eof:
+            raise EOFError("it ends too early")
+        if unpacker.unused_data.startswith(GZIP) and len(content) <= MOST:
+            content = gzip.decompress(raw)
+    except (OSError, EOFError, zlib.error) as error:
+        raise RecordError(f"not a gzip file ({error})", where=str(path), remedy="compress it again, or give the plain file") from None
+    if len(content) > MOST:
+        what = f"it unpacks to more than {MOST / 2**30:g} GiB"
+        raise damaged(ValueError(what), path, "gzip")
+    return content

@@ -1,0 +1,70 @@
+"""Spreadsheets (XLSX, XLSM, XLSB, XLS, ODS) by python-calamine: each sheet with a header row is a topic."""
+
+from __future__ import annotations
+
+import datetime
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenarios.files.formats.cells import Table, one_line
+from scenarios.files.formats.layout import header_row, unit_row
+from scenarios.files.formats.topic import Topic, damaged, missing_library, no_table
+
+FORMAT = "spreadsheet"
+SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
+MAGIC = (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", b"PK\x03\x04")
+EXTRA = "spreadsheets"
+
+
+def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
+    """One topic a sheet that holds a table; named only where there are several."""
+    try:
+        from python_calamine import CalamineWorkbook
+    except ImportError as error:
+        raise missing_library(error, path, "spreadsheets", EXTRA) from None
+    try:
+        book = CalamineWorkbook.from_filelike(io.BytesIO(raw))
+        sheets = [(name, book.get_sheet_by_name(name).to_python(skip_empty_area=False)) for name in book.sheet_names]
+    except BaseException as error:  # the library's panics are no Exception
+        if isinstance(error, KeyboardInterrupt | SystemExit):
+            raise
+        raise damaged(error, path, FORMAT) from None
+    found = [(name, table) for name, rows in sheets if (table := _table(path, name, rows)) is not None]
+    if not found:
+        raise no_table(path, [name for name, _ in sheets], "give a sheet with a header row and one row a sample")
+    return tuple(Topic(name if len(found) > 1 else "", table) for name, table in found)
+
+
+def _table(path: Path, sheet: str, rows: list[list[Any]]) -> Table | None:
+    """The table of a sheet, None where no row of numbers follows a header."""
+    texts = [["" if cell is None else str(cell) for cell in row] for row in rows]
+    first = header_row(texts)
+    if first is None or first + 1 >= len(rows):
+        return None
+    width = max((index + 1 for index, cell in enumerate(texts[first]) if cell.strip()), default=0)
+    header = tuple(one_line(cell) for cell in texts[first][:width])
+    units = unit_row(header, texts[first + 1][:width])
+    begin = first + (2 if units else 1)
+    kept = [index for index in range(begin, len(rows)) if any(cell.strip() for cell in texts[index][:width])]
+    columns = tuple(_column([rows[index][column] for index in kept]) for column in range(width))
+    return Table(f"{path}, sheet {sheet!r}", header, columns, np.array(kept, dtype=int) + 1, units=units)
+
+
+def _column(cells: list[Any]) -> np.ndarray:
+    """Numbers where every cell is one or empty; times of day and dates as their ISO texts; else the cells."""
+    if all(isinstance(cell, int | float) or cell in ("", None) for cell in cells):
+        return np.array([np.nan if cell in ("", None) else float(cell) for cell in cells], dtype=float)
+    column = np.empty(len(cells), dtype=object)
+    column[:] = [_cell(cell) for cell in cells]
+    return column
+
+
+def _cell(cell: Any) -> Any:
+    if isinstance(cell, datetime.datetime | datetime.date | datetime.time):
+        return cell.isoformat()
+    if isinstance(cell, datetime.timedelta):
+        return cell.total_seconds()
+    return None if cell == "" else cell

@@ -1,0 +1,312 @@
+"""Text files in the dialects that loggers and spreadsheets write: encoding, separator, decimal mark, titles, comments and a row of units.
+
+Comment lines (``#``, ``%``, ``//``), titles and a spreadsheet's ``sep=;`` may stand above the header. Columns are separated by commas,
+semicolons, tabs, bars or blanks: by whichever mark parts header and rows alike. A file without a header has columns ``column 1``,
+``column 2`` ... What cannot be decided is refused with the two readings.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from scenarios.files.formats.cells import MISSING, Table, has_decimal_comma, one_line
+from scenarios.files.formats.layout import LOOKED_AT, has_number, header_row, is_number, unit_row
+from scenarios.files.formats.topic import Topic
+from sim.errors import RecordError
+
+FORMAT = "text"
+SUFFIXES = (".csv", ".txt", ".asc", ".dat", ".tsv", ".tab", ".log")
+MAGIC: tuple[bytes, ...] = ()
+EXTRA = ""
+
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+BLANKS = " "
+COMMENT = "#"
+COMMENTS = ("#", "%", "//")
+UNNAMED = "column {}"
+LARGE = 200_000  # bytes from which a plain file is parsed column by column
+_DECLARED = re.compile(r"sep=(.)\s*", re.IGNORECASE)
+_SAVE = "save it as CSV in UTF-8, as Parquet or as MAT"
+_UNPRINTABLE = re.compile("[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
+
+Rows = list[tuple[int, list[str]]]  # number of each row as the user sees it, and its cells
+
+
+def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
+    """The one table of a text file.
+
+    Raises
+    ------
+    RecordError : no text, empty, or columns that cannot be told apart.
+    """
+    text, notes = _text(path, raw)
+    first, above = _header_at(text)
+    declared = _DECLARED.fullmatch(above[0]) if above else None
+    separator = declared[1] if declared is not None else None
+    more = None if separator is not None else _detected(text[first:])
+    if more is not None:
+        separator, skipped, named = more
+        for line in io.StringIO(text[first:], newline=""):
+            if skipped == 0:
+                break
+            above.append(line)
+            first += len(line)
+            skipped -= 1
+    else:
+        separator = separator if separator is not None else _separator(path, text[first:], len(above))
+        named = True
+    table = _fast_table(path, text, first, len(above), separator, named=named) if len(text) - first > LARGE else None
+    if table is None:
+        table = _table(path, text[first:], separator, len(above), named=named, commented=bool(above) and _is_comment(above[-1]))
+    if any(_titles(above)) and more is not None:
+        notes = (*notes, f"{sum(_titles(above))} lines above the header are taken as titles")
+    return (Topic("", table, notes),)
+
+
+def _table(path: Path, text: str, separator: str, above: int, *, named: bool, commented: bool) -> Table:
+    lines = _rows(path, text, separator, above)
+    if not any(cell.strip() for _, cells in lines for cell in cells):
+        raise RecordError("the file is empty", where=str(path), remedy="give a header row and one row a sample")
+    if named and all(is_number(cell) for cell in lines[0][1]) and len(lines[0][1]) > 1:
+        if commented:
+            remedy = f"take the {COMMENT} from the header, row {above}, or name the columns with --columns"
+            raise RecordError("there is no header, the first row holds numbers", where=f"{path}, row {lines[0][0]}", remedy=remedy)
+        named = False
+    if named:
+        header, body = tuple(one_line(cell) for cell in lines[0][1]), lines[1:]
+        units = unit_row(header, body[0][1]) if body else ()
+        body = body[1:] if units else body
+    else:
+        header, body, units = _numbered(len(lines[0][1])), lines, ()
+    if len(header) > 1 and not header[-1] and all(not cells[-1].strip() for _, cells in body if len(cells) == len(header)):
+        header, units = header[:-1], units[:-1]  # each row ends with a separator
+        body = [(row, cells[:-1] if len(cells) == len(header) + 1 else cells) for row, cells in body]
+    ragged = {position: len(cells) for position, (_, cells) in enumerate(body) if len(cells) != len(header)}
+    whole = [cells + [""] * (len(header) - len(cells)) if ragged else cells for _, cells in body]
+    columns = tuple([cells[index] for cells in whole] for index in range(len(header)))
+    comma = separator != "," and "," in text and has_decimal_comma(columns)
+    return Table(str(path), header, columns, np.array([row for row, _ in body], dtype=int), ragged, units, separator, comma)
+
+
+def _numbered(count: int) -> tuple[str, ...]:
+    return tuple(UNNAMED.format(n + 1) for n in range(count))
+
+
+def _titles(above: Sequence[str]) -> list[bool]:
+    return [bool(line.strip()) and not _is_comment(line) and not _DECLARED.fullmatch(line) for line in above]
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(COMMENTS)
+
+
+def _text(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
+    """The text of a file and a sentence on its encoding where that is not UTF-8."""
+    sample = raw[:4096]
+    encodings = ["utf-8-sig"]
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encodings = ["utf-16"]
+    elif len(sample) > 8 and sample[1::2].count(0) > 0.4 * len(sample[1::2]) and not sample[::2].count(0):
+        encodings = ["utf-16-le"]
+    elif len(sample) > 8 and sample[::2].count(0) > 0.4 * len(sample[::2]) and not sample[1::2].count(0):
+        encodings = ["utf-16-be"]
+    for encoding in [*encodings, "cp1252"]:
+        try:
+            text = raw.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if _UNPRINTABLE.search(text) is None:
+            return text, () if encoding.startswith("utf") else ("the text is read as Latin-1 (Windows-1252)",)
+    wrong = _UNPRINTABLE.search(raw.decode("latin-1"))
+    row = raw[: wrong.start()].count(b"\n") + 1 if wrong is not None else 1
+    raise RecordError("neither text nor a format that is known here", where=f"{path}, row {row}", remedy=_SAVE) from None
+
+
+def _detected(text: str) -> tuple[str, int, bool] | None:
+    """Separator, lines above the header, and whether there is a header, where the first line alone cannot say; None where it can.
+
+    The first line can where one of commas, semicolons and tabs parts it and the next line into as many cells.
+    """
+    lines = []
+    for line in io.StringIO(text, newline=""):
+        lines.append(line.rstrip("\r\n"))
+        if len(lines) >= LOOKED_AT:
+            break
+    filled = [line for line in lines if line.strip()]
+    if len(filled) < 2:
+        return None
+    for mark in (",", ";", "\t"):
+        first, second = (_cells(line, mark) for line in filled[:2])
+        if len(first) > 1 and len(first) == len(second):
+            return None
+    tail = filled[-max(1, min(len(filled) - 1, 20)) :]
+    best: tuple[int, str] | None = None
+    for mark in (*SEPARATORS, BLANKS):
+        cells = [_cells(line, mark) for line in tail]
+        width = len(cells[0])
+        if width > 1 and all(len(row) == width and has_number(row) for row in cells):
+            numbers = sum(is_number(cell) for row in cells for cell in row)
+            if best is None or numbers > best[0]:
+                best = numbers, mark
+    if best is None:
+        return None
+    mark = best[1]
+    rows = [_cells(line, mark) if line.strip() and not _is_comment(line) else [""] for line in lines]
+    width = len(_cells(tail[0], mark))
+    first_numbers = next((n for n, row in enumerate(rows) if len(row) == width and has_number(row)), None)
+    found = header_row([row if len(row) == width else [""] for row in rows])
+    if found is not None and len(rows[found]) == width:
+        return mark, found, True
+    return (mark, first_numbers, False) if first_numbers is not None else None
+
+
+def _cells(line: str, mark: str) -> list[str]:
+    """A line parted by a mark, without what a closing mark leaves at its end."""
+    cells = line.split() if mark == BLANKS else next(csv.reader([line], delimiter=mark), [])
+    return cells[:-1] if mark == "|" and len(cells) > 1 and not cells[-1].strip() else cells
+
+
+def _fast_table(path: Path, text: str, first: int, above: int, separator: str, *, named: bool) -> Table | None:
+    """The table of a large plain file, parsed by pyarrow or pandas; None where anything in it asks for the careful reading."""
+    begin = text[first : first + 1_000_000]
+    if separator not in (*SEPARATORS, BLANKS) or (separator != "," and "," in begin) or '"' in begin:
+        return None
+    lines = begin.splitlines()[:3]
+    header = tuple(one_line(cell) for cell in _cells(lines[0], separator)) if named else ()
+    if named and (len(lines) < 3 or has_number(_cells(lines[0], separator))):
+        return None
+    units = unit_row(header, _cells(lines[1], separator)) if named else ()
+    skipped = (1 + bool(units)) if named else 0
+    at = first
+    for _ in range(skipped):
+        at = text.index("\n", at) + 1
+    content = text[at:].encode()
+    width = len(header) or len(_cells(lines[0], separator))
+    columns = _blank_columns(content, width) if separator == BLANKS else _marked_columns(content, separator, width)
+    if columns is None:
+        return None
+    count = len(columns[0])
+    if count != content.count(b"\n") + (not content.endswith(b"\n")):
+        return None  # empty lines: their rows have numbers too
+    rows = np.arange(count) + above + skipped + 1
+    return Table(str(path), header or _numbered(width), tuple(columns), rows, {}, units, separator)
+
+
+def _marked_columns(content: bytes, separator: str, width: int) -> list[np.ndarray] | None:
+    import pyarrow
+    from pyarrow import csv as arrow_csv
+
+    missing = sorted({spelling for word in MISSING for spelling in (word, word.upper(), word.capitalize(), "NaN", "-NaN")})
+    names = [f"c{n}" for n in range(width)]
+    trailing = content.split(b"\n", 1)[0].rstrip(b"\r").endswith(separator.encode()) and separator == "|"
+    reading = arrow_csv.ReadOptions(column_names=[*names, "end"] if trailing else names)
+    parsing = arrow_csv.ParseOptions(delimiter=separator, quote_char=False)
+
+    def parsed(types: dict[str, pyarrow.DataType]) -> pyarrow.Table:
+        conversion = arrow_csv.ConvertOptions(
+            null_values=missing, strings_can_be_null=True, column_types=types, include_columns=names, true_values=[], false_values=[]
+        )
+        return arrow_csv.read_csv(io.BytesIO(content), reading, parsing, conversion)
+
+    try:
+        table = parsed({})
+        texts = {name: pyarrow.string() for name in names if pyarrow.types.is_temporal(table.schema.field(name).type)}
+        table = parsed(texts) if texts else table
+    except pyarrow.ArrowInvalid:
+        return None
+    columns = []
+    for name in names:
+        column = table.column(name)
+        if pyarrow.types.is_integer(column.type) or pyarrow.types.is_floating(column.type):
+            columns.append(column.to_numpy().astype(float))
+        elif pyarrow.types.is_null(column.type):
+            columns.append(np.full(len(column), np.nan))
+        elif pyarrow.types.is_string(column.type) or pyarrow.types.is_large_string(column.type):
+            stripped = column.to_pandas().astype(object)
+            columns.append(_numeric_or_text(stripped.where(stripped.notna(), None).to_numpy(dtype=object)))
+        else:
+            return None
+    return columns
+
+
+def _numeric_or_text(cells: np.ndarray) -> np.ndarray:
+    """Cells as numbers where blanks around them are all that kept them from being read as such."""
+    try:
+        if not all(cell is None or (cell.isascii() and "_" not in cell) for cell in cells):
+            return cells
+        return np.array([np.nan if cell is None or cell.strip().lower() in MISSING else float(cell) for cell in cells])
+    except ValueError:
+        return cells
+
+
+def _blank_columns(content: bytes, width: int) -> list[np.ndarray] | None:
+    import pandas
+
+    try:
+        frame = pandas.read_csv(
+            io.BytesIO(content), sep=r"\s+", header=None, engine="c", float_precision="round_trip", keep_default_na=False, quoting=csv.QUOTE_NONE
+        )
+    except (ValueError, pandas.errors.ParserError):
+        return None
+    if frame.shape[1] != width or not all(pandas.api.types.is_numeric_dtype(kind) for kind in frame.dtypes):
+        return None  # a short row leaves a cell without a number
+    return [frame.iloc[:, n].to_numpy(dtype=float) for n in range(width)]
+
+
+def _header_at(text: str) -> tuple[int, list[str]]:
+    """Where the header begins, and the lines above it: comments, empty ones, and a spreadsheet's word on the separator."""
+    above: list[str] = []
+    at = 0
+    for line in io.StringIO(text, newline=""):
+        if line.strip() and not _is_comment(line) and not (not above and _DECLARED.fullmatch(line)):
+            break
+        above.append(line)
+        at += len(line)
+    return at, above
+
+
+def _rows(path: Path, text: str, separator: str, above: int) -> Rows:
+    """All rows but empty ones."""
+    if separator == BLANKS:
+        parted = [(n + above + 1, line.split()) for n, line in enumerate(io.StringIO(text, newline="")) if not _is_comment(line)]
+        return [(row, cells) for row, cells in parted if cells]
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+    lines: Rows = []
+    try:
+        for cells in reader:
+            if cells:
+                lines.append((reader.line_num + above, cells))
+    except csv.Error as error:
+        what = f"not text separated by {SEPARATORS.get(separator, repr(separator))} ({error})"
+        raise RecordError(what, where=f"{path}, row {reader.line_num + above}", remedy=_SAVE) from None
+    return lines
+
+
+def _separator(path: Path, text: str, above: int) -> str:
+    """What separates the columns; a comma where there is one column."""
+    parting = [mark for mark in SEPARATORS if len(_first_row(path, text, mark, above)) > 1]
+    if len(parting) > 1:
+        fitting = [mark for mark in parting if _even(_rows(path, text, mark, above))]
+        if len(fitting) != 1:
+            both = " and ".join(SEPARATORS[mark] for mark in parting)
+            what = f"{both} stand in the header, and either may separate the columns"
+            raise RecordError(what, where=f"{path}, row {above + 1}", remedy="save it with one separator, names that contain another in quotes")
+        return fitting[0]
+    return parting[0] if parting else ","
+
+
+def _first_row(path: Path, text: str, separator: str, above: int) -> list[str]:
+    try:
+        return next(csv.reader(io.StringIO(text, newline=""), delimiter=separator), [])
+    except csv.Error as error:
+        raise RecordError(f"not separated text ({error})", where=f"{path}, row {above + 1}", remedy=_SAVE) from None
+
+
+def _even(lines: Rows) -> bool:
+    return len(lines) > 1 and all(len(cells) == len(lines[0][1]) for _, cells in lines)

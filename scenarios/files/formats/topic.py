@@ -1,0 +1,101 @@
+"""The interface between readers and everything else: topics, each a table whose columns share one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Protocol
+
+import numpy as np
+
+from scenarios.files.formats.cells import Table, one_line
+from sim.errors import RecordError
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Topic:
+    """Columns that were sampled by one clock.
+
+    Attributes
+    ----------
+    name : name of the message, sheet or group in the file; empty where the file has one table only.
+    table : the columns, the clock among them.
+    notes : sentences on how the reader understood the file.
+    """
+
+    name: str
+    table: Table
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Topic {self.name or '(only one)'}: {self.table!r}>"
+
+
+class Reader(Protocol):
+    """A module of this package: the suffixes and first bytes of its format, and its reading function.
+
+    ``EXTRA`` names the optional dependency group of ``pyproject.toml`` that installs the library, empty where none is needed.
+    """
+
+    FORMAT: str
+    SUFFIXES: tuple[str, ...]
+    MAGIC: tuple[bytes, ...]
+    EXTRA: str
+
+    def read(self, path: Path, raw: bytes) -> tuple[Topic, ...]:
+        """The topics of a file. Raises RecordError where it is damaged or holds no table."""
+
+
+def table_of_columns(path: Path, columns: Mapping[str, Any], units: Mapping[str, str] | None = None, *, place: str = "") -> Table:
+    """A table of named columns; shorter ones are refused when a channel asks for them.
+
+    Parameters
+    ----------
+    path : the file, for messages. place : the topic in it.
+    columns : name -> one-dimensional sequence.
+    units : name -> unit, where the file states it apart from the header.
+    """
+    known = units or {}
+    vectors = tuple(_vector(values) for values in columns.values())
+    rows = max((vector.size for vector in vectors), default=0)
+    under = tuple(known.get(name, "") for name in columns) if any(known.values()) else ()
+    where = f"{path}, {place}" if place else str(path)
+    header = tuple(one_line(str(name)) for name in columns)
+    return Table(where, header, vectors, np.arange(1, rows + 1), units=under, stated_apart=True)
+
+
+def missing_library(error: ImportError, path: Path, format_name: str, extra: str) -> RecordError:
+    """The error for a format whose library is not installed."""
+    what = f"reading {format_name} needs the package {(error.name or 'of that name').split('.')[0]}, which is not installed"
+    return RecordError(what, where=str(path), remedy=f'python -m pip install "flightid[{extra}]", or export the record as CSV')
+
+
+def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:
+    """The error for a file that the format's library cannot read."""
+    text = str(fault).strip()
+    said = " ".join(text.splitlines()[0].split())[:160] if text else type(fault).__name__
+    return RecordError(f"not a readable {format_name} file ({said})", where=str(path), remedy="export it again, or save the record as CSV")
+
+
+def no_table(path: Path, seen: Sequence[str], remedy: str) -> RecordError:
+    """The error for a file without a column; ``seen`` are the names of what is in it instead."""
+    listed = ", ".join(seen[:12]) + (", ..." if len(seen) > 12 else "")
+    return RecordError(f"no column of numbers is in the file{f'; it holds {listed}' if listed else ''}", where=str(path), remedy=remedy)
+
+
+def as_module(module: ModuleType) -> Reader:
+    """A module seen as a reader."""
+    return module
+
+
+def _vector(values: Any) -> np.ndarray:
+    array = np.asarray(values)
+    if array.dtype.kind in "fiu":
+        return array.astype(float, copy=False).reshape(-1)
+    if array.dtype.kind == "b":
+        return array.astype(float).reshape(-1)
+    if array.dtype.kind in "mM":
+        return array.reshape(-1)
+    return array.astype(object).reshape(-1)

@@ -1,0 +1,257 @@
+"""Time stamps of a record as seconds: dates, times of day, counters, few digits, roll-over, repeated and unsorted rows."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+CLOCK_NAMES = (
+    "time", "t", "timestamp", "timeus", "timems", "timens", "time_us", "time_ms", "time_ns", "time_s", "timestamp_us", "timestamp_ms",
+    "timestamp_ns", "elapsed", "elapsed time", "elapsed_time", "seconds", "sec", "utc", "utc time", "utc_time", "datetime", "date_time",
+    "date", "gps_time", "tout", "irig", "irig time", "irig_time", "zeit",
+)  # fmt: skip
+COUNTERS = {"timeus": "us", "timems": "ms", "timens": "ns", "seconds": "s", "sec": "s"}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+USUAL_RATE = 50.0  # Hz: the unit of an unlabelled counter is the one whose rate is nearest to it
+SLOWEST = 0.1  # Hz: a counter of whole numbers that would be slower in seconds does not count seconds
+EPOCH = 1e8  # s: larger stamps are dates, and time counts from the first sample
+DAY = 86400.0
+COARSE = 0.01  # of the step, from which the digits of the stamps limit it
+DISPLACED = 0.02  # share of the rows that may stand in the wrong place
+_TIME_OF_DAY = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)")
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """Time stamps in seconds.
+
+    Attributes
+    ----------
+    time : shape ``(N,)``, s, NaN where a row has no readable time.
+    notes : what was decided on the way, one sentence each.
+    origin : s, what was taken off, so that clocks of one log can be brought together.
+    """
+
+    time: np.ndarray
+    notes: tuple[str, ...] = ()
+    origin: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Sorted:
+    """Rows in the order of their times.
+
+    Attributes
+    ----------
+    time : shape ``(M,)``, s. order : position of each row before, shape ``(M,)``. notes : one sentence each.
+    """
+
+    time: np.ndarray
+    order: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def is_clock(name: str) -> bool:
+    """Whether a header names a clock, in whatever case and with any unit in brackets."""
+    return re.sub(r"\s*[\[(].*", "", name).strip().lower() in CLOCK_NAMES
+
+
+def counter_unit(name: str) -> str | None:
+    """Unit that a clock's name alone states, as ``TimeUS`` does; None where it states none."""
+    return COUNTERS.get(name.strip().lower())
+
+
+def times_of_texts(cells: Sequence[object]) -> Clock | None:
+    """Dates (ISO 8601), times of day (``hh:mm:ss.sss``) or IRIG times (``DDD:hh:mm:ss.sss``) in seconds from the first; None for others.
+
+    A time of day that falls by more than half a day has passed midnight.
+    """
+    texts = ["" if cell is None else str(cell).strip() for cell in cells]
+    filled = [text for text in texts if text]
+    if not filled:
+        return None
+    found = _TIME_OF_DAY.fullmatch(filled[0])
+    if found is None:
+        return _dates(texts)
+    seconds = np.full(len(texts), np.nan)
+    for row, text in enumerate(texts):
+        if not text:
+            continue
+        parts = _TIME_OF_DAY.fullmatch(text)
+        if parts is None:
+            return None
+        seconds[row] = 60.0 * (60.0 * int(parts[2]) + int(parts[3])) + float(parts[4].replace(",", ".")) + DAY * int(parts[1] or 0)
+    kind = "IRIG times (days of the year)" if found[1] else "times of day"
+    note = f"{kind} count from the first, {filled[0]}"
+    known = np.flatnonzero(np.isfinite(seconds))
+    turns = np.concatenate([[0.0], np.cumsum(np.diff(seconds[known]) < -0.5 * DAY)]) if not found[1] else np.zeros(known.size)
+    seconds[known] += DAY * turns
+    if turns.size and turns[-1]:
+        note += "; midnight is passed"
+    return Clock(np.round(seconds - seconds[known[0]], 9), (note,), float(seconds[known[0]]))
+
+
+def times_of_dates(dates: np.ndarray) -> Clock:
+    """NumPy's dates or durations in seconds, dates from the first."""
+    if dates.dtype.kind == "m":
+        return Clock(np.where(np.isnat(dates), np.nan, dates / np.timedelta64(1, "ns") * 1e-9))
+    known = np.flatnonzero(~np.isnat(dates))
+    if not known.size:
+        return Clock(np.full(dates.size, np.nan))
+    first = dates[known[0]]
+    seconds = np.where(np.isnat(dates), np.nan, (dates - first) / np.timedelta64(1, "ns") * 1e-9)
+    origin = float((first - np.datetime64(0, "ns")) / np.timedelta64(1, "ns") * 1e-9)
+    return Clock(seconds, (f"dates count from the first, {np.datetime_as_string(first, unit='ms')}",), origin)
+
+
+def seconds_of_counter(values: np.ndarray, unit: str | None) -> Clock:
+    """Numbers of a clock in seconds.
+
+    Parameters
+    ----------
+    values : shape ``(N,)``, NaN where missing. unit : ``s``, ``ms``, ``us`` or ``ns``; None: decided by the rate.
+
+    A counter of 16 or 32 bits that begins anew goes on. Stamps of a calendar count from the first sample.
+    """
+    notes: list[str] = []
+    finite = np.isfinite(values)
+    if np.count_nonzero(finite) < 2:
+        return Clock(values)
+    values, turns = _unrolled(values)
+    if turns:
+        notes.append(f"the counter of the clock begins anew {turns} time{'s' * (turns > 1)} and goes on")
+    if unit is None:
+        steps = np.diff(values[finite])
+        step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+        whole = bool(np.all(values[finite] == np.round(values[finite])))
+        unit = "s"
+        if whole and step * SLOWEST > 1.0:
+            unit = min(SECONDS, key=lambda name: abs(np.log(step * SECONDS[name] * USUAL_RATE)))
+            notes.append(f"the time is read in {unit} (steps of {step:g}): {1.0 / (step * SECONDS[unit]):.4g} samples a second")
+    factor, first = SECONDS[unit], 0.0
+    if abs(values[finite][0]) * factor > EPOCH:
+        notes.append("the time counts from the first sample")
+        first = float(values[finite][0])
+        values = values - first
+    return Clock(values * factor if factor != 1.0 else values, tuple(notes), first * factor)
+
+
+def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
+    """The even grid that was rounded to the stamps, and a sentence; None where the stamps are exact enough or no even grid explains them.
+
+    Parameters
+    ----------
+    time : shape ``(N,)``, s, finite.
+
+    Notes
+    -----
+    The grid ``a + b k`` has to lie within half a unit of the last digit of every stamp; the digits are counted for each power of ten, as
+    numbers printed with a fixed number of significant digits have fewer decimals the larger they are. Of all such grids the one
+    with the least largest deviation is taken (a linear program in ``a``, ``b``).
+    """
+    if time.size < 10 or np.any(np.diff(time) < 0.0):
+        return None
+    step = (time[-1] - time[0]) / (time.size - 1)
+    if not step > 0.0:
+        return None
+    uneven = np.max(np.abs(np.diff(time) - step))
+    if uneven < COARSE * step:
+        return None
+    unit = _last_digits(time)
+    if np.max(unit) < COARSE * step:
+        return None
+    from scipy.optimize import linprog
+
+    some = np.unique(np.linspace(0, time.size - 1, min(time.size, 4000)).astype(int))
+    k, scale = some / (time.size - 1), 0.5 * unit[some]
+    ones = np.ones_like(k)
+    rows = np.vstack([np.column_stack([ones, k, -scale]), np.column_stack([-ones, -k, -scale])])
+    shifted = time[some] - time[0]
+    found = linprog([0.0, 0.0, 1.0], A_ub=rows, b_ub=np.concatenate([shifted, -shifted]), bounds=[(None, None), (None, None), (0.0, None)])
+    if found.status != 0:
+        return None
+    grid = time[0] + found.x[0] + found.x[1] * np.arange(time.size) / (time.size - 1)
+    if np.any(np.abs(grid - time) > 0.5 * unit * (1.0 + 1e-6) + 1e-12):
+        return None
+    even = found.x[1] / (time.size - 1)
+    repeats = int(np.count_nonzero(np.diff(time) == 0.0))
+    repeated = f" and repeat {repeats} times" if repeats else ""
+    return grid, f"the time stamps have few digits{repeated}: an even grid of {even:.6g} s explains all of them and is used"
+
+
+def sorted_rows(time: np.ndarray, repeats: np.ndarray) -> Sorted | None:
+    """Rows put in order and exact repeats dropped; None where too many stand in the wrong place, or a time is left twice.
+
+    Parameters
+    ----------
+    time : shape ``(N,)``, s, finite. repeats : shape ``(N,)``, whether a row has the same cells as the row of equal time before it.
+    """
+    order = np.argsort(time, kind="stable")
+    notes = []
+    misplaced = int(np.count_nonzero(np.diff(time) < 0.0))
+    if misplaced:
+        if misplaced > max(1, DISPLACED * time.size) or np.max(np.abs(order - np.arange(time.size))) > max(10, DISPLACED * time.size):
+            return None
+        notes.append(f"rows are sorted by time ({misplaced} stood after a later one)")
+    order = order[~repeats[order]]
+    dropped = time.size - order.size
+    if dropped:
+        notes.append(f"{dropped} row{'s that repeat' if dropped > 1 else ' that repeats'} the one before {'are' if dropped > 1 else 'is'} left out")
+    if order.size < 2 or np.any(np.diff(time[order]) <= 0.0):
+        return None
+    return Sorted(time[order], order, tuple(notes))
+
+
+def _dates(texts: Sequence[str]) -> Clock | None:
+    import pandas
+
+    if not re.match(r"\d{4}-?\d{2}-?\d{2}|\d{1,2}[./]\d{1,2}[./]\d{4}", next(text for text in texts if text)):
+        return None
+    series = pandas.Series([text or None for text in texts])
+    for options in ({"format": "ISO8601"}, {"format": "mixed", "dayfirst": True}):
+        try:
+            stamps = pandas.to_datetime(series, utc=True, **options)
+        except (ValueError, TypeError, OverflowError):
+            continue
+        first = stamps[stamps.first_valid_index()]
+        seconds = (stamps - first).dt.total_seconds().to_numpy(dtype=float)
+        return Clock(seconds, (f"dates count from the first, {first.isoformat()}",), float(first.timestamp()))
+    return None
+
+
+def _unrolled(values: np.ndarray) -> tuple[np.ndarray, int]:
+    """A counter of 16 or 32 bits that went back by nearly its whole range, made continuous."""
+    known = np.flatnonzero(np.isfinite(values))
+    steps = np.diff(values[known])
+    for bits in (16, 32):
+        span = 2.0**bits
+        turns = steps < -0.9 * span
+        if np.any(turns) and np.nanmax(values) < span and np.all(values[known] == np.round(values[known])):
+            out = values.copy()
+            out[known] += span * np.concatenate([[0], np.cumsum(turns)])
+            return out, int(np.count_nonzero(turns))
+    return values, 0
+
+
+def _last_digits(time: np.ndarray) -> np.ndarray:
+    """The unit of the last digit with which stamps of each power of ten are written, s, shape ``(N,)``."""
+    power = np.floor(np.log10(np.maximum(np.abs(time), 1e-12))).astype(int)
+    unit = np.zeros_like(time)
+    for each in np.unique(power):
+        here = power == each
+        values = time[here]
+        for decimals in range(-6, 13):
+            scaled = values * 10.0**decimals
+            if np.all(np.abs(scaled - np.round(scaled)) < 1e-6 * np.maximum(1.0, np.abs(scaled) * 1e-6)):
+                unit[here] = 10.0**-decimals
+                break
+    # Small numbers may by chance need fewer digits than larger ones: a stamp has no fewer decimals than a larger one.
+    for each in np.unique(power)[::-1]:
+        here = power == each
+        larger = unit[power > each]
+        if larger.size:
+            unit[here] = np.minimum(unit[here], larger.min())
+    return unit

@@ -1,0 +1,461 @@
+"""Channels that are computed from columns, and topics of a log put on one clock: a table with one column a channel comes out.
+
+Rules of the merge, each said in a note: the grid is the clock of the fastest topic that an output comes from, over the time that all topics
+share; a faster column passes a zero-phase low-pass first; an output that is slower has samples only at the grid times nearest to its own,
+so that the fit knows its rate; an input is continued between its own samples, held or linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.channels import ColumnChoice
+from scenarios.files.declarations import closest
+from scenarios.files.formats.cells import Table, numbers
+from scenarios.files.formats.topic import Topic
+from scenarios.files.measured.clock import (
+    SECONDS,
+    Clock,
+    counter_unit,
+    is_clock,
+    seconds_of_counter,
+    times_of_dates,
+    times_of_texts,
+)
+from scenarios.files.measured.columns import inside_unit, split_header, suffix_unit
+from scenarios.files.measured.expressions import Expression, evaluate, is_plain_name, parse
+from scenarios.files.measured.record_file import RecordFile
+from scenarios.files.units import QUANTITIES, to_si
+from sim.errors import RecordError
+
+SAME_RATE = 1.5  # ratio of rates below which two topics count as equally fast
+BELOW_HALF = 0.8  # corner of the low-pass, as a share of half the new rate
+ORDER = 4
+SI_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
+JITTER = 0.1  # of the step, from which an uneven clock is said
+Place = tuple[int, int]  # topic and column
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """A channel to compute: from which columns, by which expression, and as an input or an output."""
+
+    channel: str
+    choice: ColumnChoice
+    expression: Expression
+    places: Mapping[str, Place]
+    is_input: bool
+
+
+def with_derived(
+    file: RecordFile,
+    choices: Mapping[str, ColumnChoice] | None,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    rate: float | None = None,
+    hold: str | None = None,
+    known: Mapping[str, str] = CHANNEL_UNITS,
+) -> tuple[RecordFile, Mapping[str, ColumnChoice] | None]:
+    """The file with a column for each channel that has to be computed, and the channel map that finds them.
+
+    Parameters
+    ----------
+    file : the file as it was read. choices : channel map, None for none.
+    inputs, outputs : channels that are asked for. rate : Hz, of the grid that topics are put on; None: of the fastest output's topic.
+    hold : how inputs go on between their own samples; None: by the channel map, else by their values.
+    known : all channels and their units inside.
+
+    Raises
+    ------
+    RecordError : a column, topic or clock that is not there or not the only one of its name; an expression that cannot be computed.
+    """
+    chosen = {name: choice for name, choice in (choices or {}).items() if name in inputs or name in outputs or name == TIME}
+    topics = file.topics if len(file.topics) > 1 else (Topic("", file.table),)
+    if len(topics) > 1:
+        plain = {name: ColumnChoice(name) for name in (*inputs, *outputs) if name not in chosen and _unique(name, topics)}
+        wanted = [_wanted(file, topics, name, each, name in inputs, known) for name, each in {**plain, **chosen}.items() if name != TIME]
+        if not wanted:
+            what = f"a log of {len(topics)} topics ({', '.join(topic.name for topic in topics[:8])}, ...)"
+            raise RecordError(what, where=str(file.path), remedy=f"make a channel map with flightid map {file.path}, and name it with --channels")
+        return _merged(file, topics, wanted, rate, hold, known)
+    needed = {name: choice for name, choice in chosen.items() if _is_computed(choice, file.table)}
+    if not needed:
+        return file, choices
+    return _computed(file, needed, choices or {}, inputs, known)
+
+
+def clock_place(table: Table) -> int | None:
+    """The column that is the clock of a table: ``time`` before other names of clocks; None where there is none."""
+    named = [index for index, cell in enumerate(table.header) if is_clock(split_header(cell)[0])]
+    first = [index for index in named if split_header(table.header[index])[0].strip().lower() == TIME]
+    chosen = first or named
+    return chosen[0] if chosen else None
+
+
+def clock_of(table: Table, index: int, unit: str | None = None) -> Clock:
+    """The stamps of a table's clock in seconds.
+
+    Parameters
+    ----------
+    table, index : the column. unit : its unit where that is known; None: as the header says, else as the numbers do.
+
+    Raises
+    ------
+    RecordError : a unit that measures no time.
+    """
+    column = table.columns[index]
+    if isinstance(column, np.ndarray) and column.dtype.kind in "mM":
+        return times_of_dates(column)
+    if not (isinstance(column, np.ndarray) and column.dtype.kind in "fiu"):
+        first = next((str(cell).strip() for cell in column if cell is not None and str(cell).strip()), "")
+        if ":" in first or first[4:5] == "-" or first.count(".") == 2 or first.count("/") == 2:
+            clock = times_of_texts(list(column))
+            if clock is not None:
+                return clock
+    said = unit if unit is not None else stated_unit(table, index)
+    values = numbers(table, index).values
+    if said in SECONDS or said is None:
+        return seconds_of_counter(values, said)
+    return Clock(np.asarray(to_si(values, said, "s", f"{table.file}, column {table.header[index]!r}")))
+
+
+def stated_unit(table: Table, index: int) -> str | None:
+    """The unit that a header, the row under it or a clock's name states; None where nothing does."""
+    cell = table.header[index]
+    name, unit = split_header(cell)
+    under = table.units[index] if table.units else ""
+    if unit or under:
+        chosen = unit or under
+        if table.stated_apart and is_clock(name) and not _measures(chosen, "s"):
+            return None
+        return {"µs": "us", "usec": "us", "msec": "ms", "sec": "s", "seconds": "s", "nsec": "ns"}.get(chosen, chosen)
+    if not is_clock(name):
+        return None
+    suffix = suffix_unit(name.lower(), TIME) or suffix_unit(name.lower(), "timestamp")
+    return counter_unit(name) or (suffix if suffix in SECONDS else None)
+
+
+def _is_computed(choice: ColumnChoice, table: Table) -> bool:
+    if isinstance(choice.column, int) or choice.computed:
+        return True
+    headers = {cell for cell in table.header} | {split_header(cell)[0] for cell in table.header}
+    return choice.column not in headers and not is_plain_name(choice.column)
+
+
+def _unique(name: str, topics: Sequence[Topic]) -> bool:
+    return sum(name in topic.table.header for topic in topics) == 1
+
+
+def _wanted(file: RecordFile, topics: Sequence[Topic], channel: str, choice: ColumnChoice, is_input: bool, known: Mapping[str, str]) -> Wanted:
+    where = f"{file.path}, channel {channel}"
+    if isinstance(choice.column, int):
+        if len(topics) > 1 or choice.column > len(topics[0].table.header):
+            held = len(topics[0].table.header)
+            what = f"there is no column {choice.column}" if len(topics) == 1 else "a column's number means nothing in a log of several topics"
+            raise RecordError(what, where=where, remedy=f"the columns are numbered 1 to {held}" if len(topics) == 1 else "write topic.field")
+        name = f"#{choice.column}"
+        return Wanted(channel, choice, parse(f"`{name}`", where), {name: (0, choice.column - 1)}, is_input)
+    whole = _places(choice.column, topics)
+    expression = parse(f"`{choice.column}`" if whole else choice.column, where)
+    places: dict[str, Place] = {}
+    for column in expression.columns:
+        found = _places(column, topics)
+        if len(found) != 1:
+            raise _not_one(file, topics, column, found, where)
+        places[column] = found[0]
+    if not places:
+        raise RecordError(f"{choice.column!r} reads no column", where=where, remedy="name at least one column")
+    return Wanted(channel, choice, expression, places, is_input)
+
+
+def _places(name: str, topics: Sequence[Topic]) -> list[Place]:
+    """Where a column is: ``topic.field`` first, else a field that one topic alone has."""
+    found: list[Place] = []
+    for number, topic in enumerate(topics):
+        for index, cell in enumerate(topic.table.header):
+            bare = split_header(cell)[0]
+            if topic.name and name in (f"{topic.name}.{cell}", f"{topic.name}.{bare}"):
+                return [(number, index)]
+            if name in (cell, bare):
+                found.append((number, index))
+    exact = [place for place in found if topics[place[0]].table.header[place[1]] == name]
+    return exact if len(exact) == 1 else found
+
+
+def _not_one(file: RecordFile, topics: Sequence[Topic], column: str, found: Sequence[Place], where: str) -> RecordError:
+    if found:
+        inside = [f"{topics[topic].name}.{column}" if topics[topic].name else f"column {index + 1}" for topic, index in found]
+        return RecordError(f"{column!r} is in {len(inside)} places", where=where, remedy=f"write one of {', '.join(inside[:6])}")
+    names = [f"{topic.name}.{cell}" if topic.name else cell for topic in topics for cell in topic.table.header]
+    return RecordError(f"there is no column {column!r}", where=where, remedy=closest(column, names) if len(names) < 400 else "see flightid map")
+
+
+def _computed(
+    file: RecordFile, needed: Mapping[str, ColumnChoice], choices: Mapping[str, ColumnChoice], inputs: Sequence[str], known: Mapping[str, str]
+) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
+    """A single table with further columns, one for each computed channel."""
+    table, topics = file.table, (Topic("", file.table),)
+    header, columns = list(table.header), list(table.columns)
+    units = list(table.units) if table.units else []
+    new = dict(choices)
+    for channel, choice in needed.items():
+        wanted = _wanted(file, topics, channel, choice, channel in inputs, known)
+        if channel == TIME:
+            place = next(iter(wanted.places.values()))
+            clock = clock_of(table, place[1], choice.unit) if not is_plain_expression(wanted) else None
+            values = clock.time if clock is not None else _values(file, wanted, topics, choice.unit)
+            unit = "s" if clock is not None or choice.unit is None else choice.unit
+        else:
+            values, unit = _in_unit(file, wanted, topics, known)
+        if choice.delay:
+            place_of_clock = _clock_index(table, choices)
+            if place_of_clock is None:
+                raise RecordError("a delay needs a clock", where=f"{file.path}, channel {channel}", remedy="name the column of time")
+            values = _delayed(clock_of(table, place_of_clock).time, values, choice.delay)
+        label = f"{channel} (computed)"
+        header.append(label)
+        columns.append(np.asarray(values, dtype=float))
+        units += [unit] if units else []
+        new[channel] = ColumnChoice(label, unit, hold=choice.hold)
+    wider = replace(table, header=tuple(header), columns=tuple(columns), units=tuple(units))
+    return replace(file, table=wider), new
+
+
+def is_plain_expression(wanted: Wanted) -> bool:
+    """Whether more than one column's own numbers is computed."""
+    return wanted.choice.computed or len(wanted.places) != 1 or not wanted.expression.text.startswith("`")
+
+
+def _clock_index(table: Table, choices: Mapping[str, ColumnChoice]) -> int | None:
+    choice = choices.get(TIME)
+    if choice is not None and isinstance(choice.column, str):
+        return next((n for n, cell in enumerate(table.header) if choice.column in (cell, split_header(cell)[0])), None)
+    return choice.column - 1 if choice is not None and isinstance(choice.column, int) else clock_place(table)
+
+
+def _in_unit(file: RecordFile, wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]) -> tuple[np.ndarray, str]:
+    """A channel's values as computed, and their unit: the one of the choice, else the one that follows from the columns'."""
+    unit = wanted.choice.unit
+    inside = inside_unit(wanted.channel, known)
+    if unit is None and not is_plain_expression(wanted):
+        topic, index = next(iter(wanted.places.values()))
+        said = stated_unit(topics[topic].table, index)
+        unit = said if said and _measures(said, inside) else None
+        return _values(file, wanted, topics, unit or ""), unit or inside
+    return _values(file, wanted, topics, unit), unit if unit is not None else inside
+
+
+def _measures(unit: str, inside: str) -> bool:
+    if not inside:
+        return False
+    try:
+        to_si(1.0, unit, inside, "")
+    except RecordError:
+        return False
+    return True
+
+
+def _values(file: RecordFile, wanted: Wanted, topics: Sequence[Topic], unit: str | None) -> np.ndarray:
+    """The values of a channel's expression on its columns' own rows; with ``unit`` None columns of stated units are in SI."""
+    columns = {name: _numbers(file, topics, place, wanted, si=unit is None) for name, place in wanted.places.items()}
+    where = f"{file.path}, channel {wanted.channel}"
+    sizes = {values.size for values in columns.values()}
+    if len(sizes) > 1:
+        raise RecordError("its columns have different lengths", where=where, remedy="use columns of one table")
+    return _calibrated(evaluate(wanted.expression, columns, where), wanted.choice)
+
+
+def _calibrated(values: np.ndarray, choice: ColumnChoice) -> np.ndarray:
+    if choice.table is not None:
+        values = np.where(np.isnan(values), np.nan, np.interp(values, *choice.table))
+    return choice.scale * values + choice.offset if (choice.scale, choice.offset) != (1.0, 0.0) else values
+
+
+def _numbers(file: RecordFile, topics: Sequence[Topic], place: Place, wanted: Wanted, *, si: bool) -> np.ndarray:
+    """A column as numbers; in SI where ``si`` and its unit is stated and known."""
+    table = topics[place[0]].table
+    found = numbers(table, place[1])
+    where = f"{table.file}, column {table.header[place[1]]!r}"
+    if found.texts:
+        row, text = next(iter(found.texts.items()))
+        raise RecordError(f"{text[:40]!r} in row {table.rows[row]} is not a number", where=where, remedy=f"{wanted.channel} is computed from it")
+    unit = stated_unit(table, place[1])
+    if not si or not unit or unit in QUANTITIES:
+        return found.values
+    for target in SI_TRIED:
+        try:
+            return np.asarray(to_si(found.values, unit, target, where))
+        except RecordError:
+            continue
+    return found.values
+
+
+def _delayed(time: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
+    """The values of a column that was recorded late by ``delay``, s, at the times of its rows; constant beyond its ends."""
+    known = np.isfinite(values) & np.isfinite(time)
+    return np.interp(time + delay, time[known], values[known]) if np.any(known) else values
+
+
+def _merged(
+    file: RecordFile, topics: Sequence[Topic], wanted: Sequence[Wanted], rate: float | None, hold: str | None, known: Mapping[str, str]
+) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
+    """The wanted channels of several topics on one grid."""
+    used = sorted({place[0] for each in wanted for place in each.places.values()})
+    clocks = _clocks(file, topics, used)
+    notes: list[str] = []
+    leading = [topic for each in wanted if not each.is_input for topic in {place[0] for place in each.places.values()}] or used
+    grid, grid_note = _grid(file, topics, clocks, used, leading, rate)
+    notes.append(grid_note)
+    step = float(np.median(np.diff(grid)))
+    header, columns, choices = [f"{TIME}"], [grid], {}
+    for each in wanted:
+        values, unit, note = _on_grid(file, topics, clocks, each, grid, step, hold, known)
+        header.append(each.channel)
+        columns.append(values)
+        choices[each.channel] = ColumnChoice(each.channel, unit)
+        if note:
+            notes.append(f"{each.channel}: {note}")
+    table = Table(str(file.path), tuple(header), tuple(columns), np.arange(1, grid.size + 1))
+    single = replace(file, table=table, topics=(), notes=(*file.notes, *notes))
+    return single, choices
+
+
+def _clocks(file: RecordFile, topics: Sequence[Topic], used: Sequence[int]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Topic -> times in order, s, from one origin, and the rows that they belong to."""
+    found: dict[int, Clock] = {}
+    for number in used:
+        table = topics[number].table
+        index = clock_place(table)
+        if index is None:
+            remedy = f"it has the columns {', '.join(table.header[:8])}; a clock is called time or timestamp"
+            raise RecordError(f"topic {topics[number].name} has no clock", where=str(file.path), remedy=remedy)
+        found[number] = clock_of(table, index)
+    origin = min(clock.origin for clock in found.values())
+    clocks = {}
+    for number, clock in found.items():
+        time = clock.time + (clock.origin - origin)
+        rows = np.flatnonzero(np.isfinite(time))
+        rows = rows[np.argsort(time[rows], kind="stable")]
+        rows = rows[np.concatenate([[True], np.diff(time[rows]) > 0.0])] if rows.size else rows
+        if rows.size < 2:
+            raise RecordError(f"topic {topics[number].name} has no two times", where=str(file.path), remedy="leave its columns out")
+        clocks[number] = (time[rows], rows)
+    return clocks
+
+
+def _grid(
+    file: RecordFile,
+    topics: Sequence[Topic],
+    clocks: Mapping[int, tuple[np.ndarray, np.ndarray]],
+    used: Sequence[int],
+    leading: Sequence[int],
+    rate: float | None,
+) -> tuple[np.ndarray, str]:
+    begin, end = max(clocks[n][0][0] for n in used), min(clocks[n][0][-1] for n in used)
+    spans = ", ".join(f"{topics[n].name} {clocks[n][0][0]:g} to {clocks[n][0][-1]:g} s" for n in used)
+    if not end > begin:
+        raise RecordError("the topics share no time", where=str(file.path), remedy=f"they cover {spans}")
+    if rate is not None:
+        grid = begin + np.arange(int((end - begin) * rate * (1.0 + 1e-9)) + 1) / rate
+        said = f"an even grid of {rate:g} Hz"
+    else:
+        fastest = min(dict.fromkeys(leading), key=lambda n: float(np.median(np.diff(clocks[n][0]))))
+        time = clocks[fastest][0]
+        grid = time[(time >= begin) & (time <= end)]
+        steps = np.diff(time)
+        step = float(np.median(steps))
+        jitter = float(np.median(np.abs(steps - step)))
+        said = f"the clock of {topics[fastest].name}, {1.0 / step:.4g} Hz"
+        said += f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > JITTER * step else ""
+    if grid.size < 2:
+        raise RecordError("the topics share fewer than two samples", where=str(file.path), remedy=f"they cover {spans}")
+    return grid, f"{len(used)} topics are put on one grid, {said}: {', '.join(topics[n].name for n in used)}"
+
+
+def _on_grid(
+    file: RecordFile,
+    topics: Sequence[Topic],
+    clocks: Mapping[int, tuple[np.ndarray, np.ndarray]],
+    wanted: Wanted,
+    grid: np.ndarray,
+    step: float,
+    hold: str | None,
+    known: Mapping[str, str],
+) -> tuple[np.ndarray, str, str]:
+    """A channel's values on the grid, NaN where an output has no sample, their unit, and how it got there."""
+    raw = wanted.choice.unit is not None
+    laid: dict[str, np.ndarray] = {}
+    slowest = 0.0
+    notes: list[str] = []
+    for name, place in wanted.places.items():
+        time, rows = clocks[place[0]]
+        values = _numbers(file, topics, place, wanted, si=not raw)[rows]
+        laid[name], own, said = _laid(time, values, grid + wanted.choice.delay, step, wanted, hold)
+        slowest = max(slowest, own)
+        notes += [said] if said else []
+    where = f"{file.path}, channel {wanted.channel}"
+    values = _calibrated(evaluate(wanted.expression, laid, where), wanted.choice)
+    if not wanted.is_input and slowest > SAME_RATE * step:
+        values = np.where(_nearest(clocks, wanted, grid), values, np.nan)
+        notes.append(f"its own samples come every {slowest:.3g} s, the grid's every {step:.3g} s: it has samples only where it was measured")
+    unit = wanted.choice.unit
+    if unit is None and not is_plain_expression(wanted):
+        topic, index = next(iter(wanted.places.values()))
+        said_unit = stated_unit(topics[topic].table, index)
+        inside = inside_unit(wanted.channel, known)
+        if said_unit and not _measures(said_unit, inside):
+            notes.append(f"the unit {said_unit} that the file states is no unit of it and is not used")
+    return values, unit if unit is not None else inside_unit(wanted.channel, known), "; ".join(dict.fromkeys(notes))
+
+
+def _laid(time: np.ndarray, values: np.ndarray, at: np.ndarray, step: float, wanted: Wanted, hold: str | None) -> tuple[np.ndarray, float, str]:
+    """One column at the times of the grid, its own sampling interval, and a sentence where it was filtered or continued."""
+    sound = np.isfinite(values)
+    if np.count_nonzero(sound) < 2:
+        return np.full(at.size, np.nan), 0.0, ""
+    time, values = time[sound], values[sound]
+    own = float(np.median(np.diff(time)))
+    if np.array_equal(time, at):
+        return values, own, ""
+    if own * SAME_RATE < step:
+        return np.interp(at, time, _smoothed(time, values, own, step)), own, f"passes a zero-phase low-pass of {0.5 * BELOW_HALF / step:.3g} Hz"
+    if wanted.is_input and own > SAME_RATE * step:
+        way = wanted.choice.hold or hold or ("previous" if leaps(values) else "linear")
+        said = f"its own samples come every {own:.3g} s and are {'held' if way == 'previous' else 'joined by lines'} between them"
+        if way == "previous":
+            return values[np.clip(np.searchsorted(time, at, side="right") - 1, 0, time.size - 1)], own, said
+        return np.interp(at, time, values), own, said
+    return np.interp(at, time, values), own, ""
+
+
+def leaps(values: np.ndarray) -> bool:
+    """Whether a signal rests most of the time, to the last digit, and moves in single steps, as a command that a computer holds."""
+    moves = np.diff(values) != 0.0
+    return bool(np.mean(moves) < 0.3) if moves.size else True
+
+
+def _smoothed(time: np.ndarray, values: np.ndarray, own: float, step: float) -> np.ndarray:
+    from scipy.signal import butter, sosfiltfilt
+
+    even = time[0] + own * np.arange(int((time[-1] - time[0]) / own * (1.0 + 1e-9)) + 1)
+    if even.size < 20:
+        return values
+    sections = butter(ORDER, 0.5 * BELOW_HALF / step, fs=1.0 / own, output="sos")
+    smooth = sosfiltfilt(sections, np.interp(even, time, values), padlen=min(even.size - 1, round(6.0 * step / own)))
+    return np.interp(time, even, smooth)
+
+
+def _nearest(clocks: Mapping[int, tuple[np.ndarray, np.ndarray]], wanted: Wanted, grid: np.ndarray) -> np.ndarray:
+    """Grid times that are nearest to a sample of the slowest topic of a channel."""
+    slow = max({place[0] for place in wanted.places.values()}, key=lambda n: float(np.median(np.diff(clocks[n][0]))))
+    time = clocks[slow][0]
+    right = np.clip(np.searchsorted(grid, time), 1, grid.size - 1)
+    nearest = np.where(time - grid[right - 1] < grid[right] - time, right - 1, right)
+    found = np.zeros(grid.size, dtype=bool)
+    found[nearest[(time >= grid[0]) & (time <= grid[-1])]] = True
+    return found
