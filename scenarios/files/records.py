@@ -198,7 +198,7 @@ def _clock_column(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | No
     if column is not None:
         mapped = (channel_map or {}).get(TIME)
         said = column.unit if mapped is not None and mapped.unit is not None else stated_unit(table, column.index)
-        if said is None and column.unit != CHANNEL_UNITS[TIME]:
+        if said is None and (TIME in file.sidecar.units or column.unit != CHANNEL_UNITS[TIME]):
             said = column.unit  # ``time_ms``, or the sidecar's word
         return replace(column, unit=said or "")
     place = clock_place(table)
@@ -285,13 +285,13 @@ def _input(table: Table, column: Column, window: Window, way: str | None) -> tup
     _check_cells(table, column, content, window.rows)
     values = window.of(content.values)
     known = np.flatnonzero(np.isfinite(values))
-    if known.size == values.size or known.size < 3:
+    if known.size in (0, values.size):
         return _channel(table, column, window), ""
     time = window.time
-    own = np.diff(time[known])
+    own = np.diff(time[known]) if known.size > 2 else np.array([np.inf])
     usual = float(np.median(own))
     ends = max(time[known[0]] - time[0], time[-1] - time[known[-1]])
-    if np.median(np.diff(known)) < 2 or max(float(own.max()), ends) > 2.5 * usual:
+    if not np.isfinite(usual) or np.median(np.diff(known)) < 2 or max(float(own.max()), ends) > 2.5 * usual:
         where = _cell(table, column, _row_of(window, int(np.flatnonzero(~np.isfinite(values))[0])))
         raise RecordError("an input sample is missing", where=where, remedy="fill the gap, or cut the record there with --from and --to")
     chosen = way or ("previous" if leaps(values[known]) else "linear")

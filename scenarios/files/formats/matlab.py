@@ -81,23 +81,27 @@ def _collect(path: Path, name: str, variables: Mapping[str, Any], found: list[To
             inner |= {f"{key}[{n + 1}]": each for n, each in enumerate(value.flat)}
         elif np.ndim(value) and np.size(value):
             flat[key] = np.asarray(value)
-    columns, notes = _columns(flat, variables)
+    columns, rows, notes = _columns(flat, variables)
     if columns:
         spread = {
             column: units[key] for key in units for column in columns if column == key or (column.startswith(key) and column[len(key) :].isdigit())
         }
-        found.append(Topic(name, table_of_columns(path, columns, spread, place=name), tuple(notes)))
+        found.append(Topic(name, table_of_columns(path, columns, spread, place=name, rows=rows), tuple(notes)))
     for key, value in inner.items():
         _collect(path, f"{name}.{key}" if name else key, {word: _dense(each) for word, each in value.items()}, found)
 
 
-def _columns(flat: Mapping[str, np.ndarray], level: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Columns of one level: its arrays with as many rows as its clock, or as most of them have."""
+def _columns(flat: Mapping[str, np.ndarray], level: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], int, list[str]]:
+    """Columns of one level and their rows: arrays with as many rows as its clock, or as most of them have, and all other vectors.
+
+    A vector of another length is refused with both lengths when a channel asks for it.
+    """
     numeric = {key: _upright(value) for key, value in flat.items() if _is_numeric(value)}
     rows = _rows(numeric)
     chosen = {key: value for key, value in numeric.items() if value.shape[0] == rows}
     if not chosen or rows < FEWEST:
-        return {}, []
+        return {}, 0, []
+    clocked = any(word in numeric for word in CLOCKS)
     columns: dict[str, np.ndarray] = {}
     for key, value in chosen.items():
         names = _names(key, value, level, lone=len(chosen) == 1)
@@ -108,10 +112,14 @@ def _columns(flat: Mapping[str, np.ndarray], level: Mapping[str, Any]) -> tuple[
     if step is not None and not any(word in columns for word in CLOCKS):
         columns = {"time": step * np.arange(rows), **columns}
         notes.append(f"the clock is made of the step of {step:g} s that the file states")
-    left = [f"{key} ({_size(value)})" for key, value in flat.items() if key not in chosen and np.size(value) > 1 and not _is_names(value)]
+    if clocked or len(chosen) > 1:
+        columns |= {key: value[:, 0] for key, value in numeric.items() if key not in chosen and value.shape[1] == 1}
+    left = [
+        f"{key} ({_size(value)})" for key, value in flat.items() if key not in {*chosen, *columns} and np.size(value) > 1 and not _is_names(value)
+    ]
     if left:
         notes.append(f"arrays of another length are no columns: {', '.join(left[:6])}{', ...' if len(left) > 6 else ''}")
-    return columns, notes
+    return columns, rows, notes
 
 
 def _names(key: str, value: np.ndarray, level: Mapping[str, Any], *, lone: bool) -> list[str]:

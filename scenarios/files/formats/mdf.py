@@ -25,8 +25,8 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     found = []
     try:
         with MDF(io.BytesIO(raw)) as log:
-            for number, group in enumerate(log.groups):
-                topic = _topic(path, log, number, getattr(group.channel_group, "acq_name", None) or f"group {number + 1}")
+            for number in range(len(log.groups)):
+                topic = _topic(path, log, number, _name(log, number))
                 if topic is not None:
                     found.append(topic)
     except Exception as error:  # a damaged file fails in many ways inside the library
@@ -34,6 +34,10 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     if not found:
         raise no_table(path, (), "give a file with at least one channel of numbers")
     return tuple(found) if len(found) > 1 else (Topic("", found[0].table),)
+
+
+def _name(log: Any, number: int) -> str:
+    return getattr(log.groups[number].channel_group, "acq_name", None) or f"group {number + 1}"
 
 
 def _topic(path: Path, log: Any, number: int, name: str) -> Topic | None:

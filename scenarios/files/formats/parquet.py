@@ -24,7 +24,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         import pandas
         import pyarrow  # noqa: F401  pandas would choose and name another engine
     except ImportError as error:
-        raise missing_library(error, path, kind, "all") from None
+        raise missing_library(error, path, kind, EXTRA) from None
     try:
         frame = pandas.read_feather(io.BytesIO(raw)) if feather else pandas.read_parquet(io.BytesIO(raw), engine="pyarrow")
     except Exception as error:  # a damaged file fails in many ways inside the library

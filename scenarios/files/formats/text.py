@@ -30,6 +30,7 @@ BLANKS = " "
 COMMENT = "#"
 COMMENTS = ("#", "%", "//")
 UNNAMED = "column {}"
+LONGEST = 100_000  # characters of a line
 LARGE = 200_000  # bytes from which a plain file is parsed column by column
 _DECLARED = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 _SAVE = "save it as CSV in UTF-8, as Parquet or as MAT"
@@ -121,8 +122,10 @@ def _text(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
             text = raw.decode(encoding)
         except UnicodeDecodeError:
             continue
+        if encoding.startswith("utf"):
+            return text, ()
         if _UNPRINTABLE.search(text) is None:
-            return text, () if encoding.startswith("utf") else ("the text is read as Latin-1 (Windows-1252)",)
+            return text, ("the text is read as Latin-1 (Windows-1252)",)
     wrong = _UNPRINTABLE.search(raw.decode("latin-1"))
     row = raw[: wrong.start()].count(b"\n") + 1 if wrong is not None else 1
     raise RecordError("neither text nor a format that is known here", where=f"{path}, row {row}", remedy=_SAVE) from None
@@ -138,6 +141,8 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
         lines.append(line.rstrip("\r\n"))
         if len(lines) >= LOOKED_AT:
             break
+    if any(len(line) > LONGEST or line.count('"') % 2 for line in lines):
+        return None  # cells that go on over several lines
     filled = [line for line in lines if line.strip()]
     if len(filled) < 2:
         return None
@@ -145,7 +150,7 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
         first, second = (_cells(line, mark) for line in filled[:2])
         if len(first) > 1 and len(first) == len(second):
             return None
-    tail = filled[-max(1, min(len(filled) - 1, 20)) :]
+    tail = filled[-max(1, min(len(filled) // 2, 20)) :]
     best: tuple[int, str] | None = None
     for mark in (*SEPARATORS, BLANKS):
         cells = [_cells(line, mark) for line in tail]
@@ -157,13 +162,16 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
     if best is None:
         return None
     mark = best[1]
-    rows = [_cells(line, mark) if line.strip() and not _is_comment(line) else [""] for line in lines]
     width = len(_cells(tail[0], mark))
+    cells = [_cells(line, mark) if line.strip() and not _is_comment(line) else [""] for line in lines]
+    rows = [row if len(row) == width else [""] for row in cells]
     first_numbers = next((n for n, row in enumerate(rows) if len(row) == width and has_number(row)), None)
-    found = header_row([row if len(row) == width else [""] for row in rows])
+    found = header_row(rows)
     if found is not None and len(rows[found]) == width:
         return mark, found, True
-    return (mark, first_numbers, False) if first_numbers is not None else None
+    if first_numbers is None or (first_numbers and mark != BLANKS and 1 < len(cells[first_numbers - 1]) != width):
+        return None  # a header of another width than the rows is for the careful reading to refuse
+    return mark, first_numbers, False
 
 
 def _cells(line: str, mark: str) -> list[str]:

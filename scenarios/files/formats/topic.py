@@ -48,7 +48,9 @@ class Reader(Protocol):
         """The topics of a file. Raises RecordError where it is damaged or holds no table."""
 
 
-def table_of_columns(path: Path, columns: Mapping[str, Any], units: Mapping[str, str] | None = None, *, place: str = "") -> Table:
+def table_of_columns(
+    path: Path, columns: Mapping[str, Any], units: Mapping[str, str] | None = None, *, place: str = "", rows: int | None = None
+) -> Table:
     """A table of named columns; shorter ones are refused when a channel asks for them.
 
     Parameters
@@ -56,20 +58,23 @@ def table_of_columns(path: Path, columns: Mapping[str, Any], units: Mapping[str,
     path : the file, for messages. place : the topic in it.
     columns : name -> one-dimensional sequence.
     units : name -> unit, where the file states it apart from the header.
+    rows : number of rows; None: as many as the longest column has.
     """
     known = units or {}
     vectors = tuple(_vector(values) for values in columns.values())
-    rows = max((vector.size for vector in vectors), default=0)
+    count = rows if rows is not None else max((vector.size for vector in vectors), default=0)
     under = tuple(known.get(name, "") for name in columns) if any(known.values()) else ()
     where = f"{path}, {place}" if place else str(path)
     header = tuple(one_line(str(name)) for name in columns)
-    return Table(where, header, vectors, np.arange(1, rows + 1), units=under, stated_apart=True)
+    return Table(where, header, vectors, np.arange(1, count + 1), units=under, stated_apart=True)
 
 
 def missing_library(error: ImportError, path: Path, format_name: str, extra: str) -> RecordError:
     """The error for a format whose library is not installed."""
-    what = f"reading {format_name} needs the package {(error.name or 'of that name').split('.')[0]}, which is not installed"
-    return RecordError(what, where=str(path), remedy=f'python -m pip install "flightid[{extra}]", or export the record as CSV')
+    library = (error.name or "its library").split(".")[0]
+    wanted = f'"flightid[{extra}]"' if extra else library
+    what = f"reading {format_name} needs {library}, which is not installed"
+    return RecordError(what, where=str(path), remedy=f"python -m pip install {wanted}, or export the record as CSV")
 
 
 def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:

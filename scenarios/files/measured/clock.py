@@ -17,6 +17,7 @@ COUNTERS = {"timeus": "us", "timems": "ms", "timens": "ns", "seconds": "s", "sec
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 USUAL_RATE = 50.0  # Hz: the unit of an unlabelled counter is the one whose rate is nearest to it
 SLOWEST = 0.1  # Hz: a counter of whole numbers that would be slower in seconds does not count seconds
+FEWEST = 20  # steps from which the rate of a counter says its unit
 EPOCH = 1e8  # s: larger stamps are dates, and time counts from the first sample
 DAY = 86400.0
 COARSE = 0.01  # of the step, from which the digits of the stamps limit it
@@ -117,6 +118,7 @@ def seconds_of_counter(values: np.ndarray, unit: str | None) -> Clock:
     A counter of 16 or 32 bits that begins anew goes on. Stamps of a calendar count from the first sample.
     """
     notes: list[str] = []
+    stated = unit == "s"
     finite = np.isfinite(values)
     if np.count_nonzero(finite) < 2:
         return Clock(values)
@@ -128,11 +130,11 @@ def seconds_of_counter(values: np.ndarray, unit: str | None) -> Clock:
         step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
         whole = bool(np.all(values[finite] == np.round(values[finite])))
         unit = "s"
-        if whole and step * SLOWEST > 1.0:
+        if whole and steps.size >= FEWEST and step * SLOWEST > 1.0:
             unit = min(SECONDS, key=lambda name: abs(np.log(step * SECONDS[name] * USUAL_RATE)))
             notes.append(f"the time is read in {unit} (steps of {step:g}): {1.0 / (step * SECONDS[unit]):.4g} samples a second")
     factor, first = SECONDS[unit], 0.0
-    if abs(values[finite][0]) * factor > EPOCH:
+    if not stated and abs(values[finite][0]) * factor > EPOCH:
         notes.append("the time counts from the first sample")
         first = float(values[finite][0])
         values = values - first
@@ -193,7 +195,7 @@ def sorted_rows(time: np.ndarray, repeats: np.ndarray) -> Sorted | None:
     notes = []
     misplaced = int(np.count_nonzero(np.diff(time) < 0.0))
     if misplaced:
-        if misplaced > max(1, DISPLACED * time.size) or np.max(np.abs(order - np.arange(time.size))) > max(10, DISPLACED * time.size):
+        if misplaced > DISPLACED * time.size or np.max(np.abs(order - np.arange(time.size))) > max(10, DISPLACED * time.size):
             return None
         notes.append(f"rows are sorted by time ({misplaced} stood after a later one)")
     order = order[~repeats[order]]
