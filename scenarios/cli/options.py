@@ -22,13 +22,19 @@ Held = Annotated[
         "--hold", metavar="HOLD", autocompletion=of("previous", "linear"), help="Inputs between samples: previous or linear; else as the data say."
     ),
 ]
-Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Resample all channels to this rate behind one filter.")]
+Rate = Annotated[
+    float | None,
+    typer.Option("--rate", metavar="HZ", help="Resample all channels to this rate behind one filter; of a record without a clock: its rate."),
+]
+Columns = Annotated[
+    str | None, typer.Option("--columns", metavar="NAME,NAME,...", help="Names of the columns, of a file without a header or instead of its own.")
+]
 Lowpass = Annotated[float | None, typer.Option("--lowpass", metavar="HZ", help="One zero-phase low-pass for all channels, inputs included.")]
 Trust = Annotated[bool, typer.Option("--trust-record", help="Take the raw columns as they are: warn of what they show, refuse and mask nothing.")]
 Model = Annotated[
     str, typer.Option("--model", metavar="M", autocompletion=models, help=f"{', '.join(MODEL_NAMES)}, or FILE.py with a model of your own.")
 ]
-Records = Annotated[list[Path], typer.Argument(metavar="RECORD...", help="CSV, Parquet or MAT files of one vehicle.")]
+Records = Annotated[list[Path], typer.Argument(metavar="RECORD...", help="Record files of one vehicle, from any recorder.")]
 VehicleBeside = Annotated[
     Path | None,
     typer.Option(

@@ -14,7 +14,7 @@ from ident.compatibility.six_degrees.channels import CHANNELS, WRAPPED, recorded
 from ident.recording.finding import Expectations
 from scenarios.files.channel_names import STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.record_file import RecordFile, all_simulated, identities, read_record_files, refuse_twice
+from scenarios.files.measured.record_file import RecordFile, all_simulated, identities, read_record_files, refuse_twice, with_names
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile, read_any_vehicle, vehicle_beside
 from scenarios.preparation.plan import Plan, Segment
@@ -93,13 +93,14 @@ def record_to_check(
     ------
     RecordError : anything that keeps the file from being used, none of the channels in it, or columns that are certainly not what they are called.
     """
-    from scenarios.files.records import read_record
+    from scenarios.files.records import read_with_notes
     from scenarios.preparation.filtering import filtered
     from scenarios.preparation.reading import named
 
     # An input tells where a load may jump between two samples; it may be absent, and may have gaps.
     known = (*CHANNELS, PRESSURE, *INPUTS)
-    read = read_record(file, (), (), choices, segment.start, segment.stop, optional=known, hold=plan.hold)
+    named_file = with_names(file, plan.columns)
+    read, notes = read_with_notes(named_file, (), (), choices, segment.start, segment.stop, optional=known, hold=plan.hold, rate=plan.rate)
     inputs = tuple(channel for channel in read.outputs if channel.name in INPUTS and np.all(channel.valid))
     outputs = tuple(channel for channel in read.outputs if channel.name not in INPUTS)
     record = replace(read, inputs=inputs, outputs=outputs, name=named(file.identity.name, segment, several=len(plan.segments) > 1))
@@ -109,7 +110,7 @@ def record_to_check(
         what = f"none of the channels that the kinematics join ({', '.join(CHANNELS)})"
         raise RecordError(what, where=file.identity.name, remedy=f"name its columns so beside {TIME}, or give --channels a map")
     record, of_filter = filtered(record, plan)
-    return record, tuple(said for said in (of_speed, of_filter) if said), look
+    return record, tuple(said for said in (*notes, of_speed, of_filter) if said), look
 
 
 def _unwrapped(record: Record) -> Record:

@@ -16,6 +16,7 @@ from sim.record import Channel, Hold, Record
 ORDER = 4
 BELOW_HALF = 0.8  # of half the new rate: corner of the filter ahead of resampling
 EVEN = 0.01  # of the interval, by which even samples may be off
+SAME = 1e-6  # of the rate, within which a record has the rate that is asked for already
 FEWEST = 40  # samples that a filter needs to be of use
 REACH = 0.5  # periods of the corner, about a gap, in which a filtered sample rests on what was filled in
 
@@ -30,9 +31,9 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
     ------
     RecordError : a rate above the record's, a corner above half its rate or below one period a record, or too few samples.
     """
-    if plan.rate is None and plan.lowpass is None:
-        return record, ""
     step = float(np.median(np.diff(record.time)))
+    if plan.lowpass is None and (plan.rate is None or (abs(plan.rate * step - 1.0) < SAME and _is_even(record.time, step))):
+        return record, ""
     corner, said = _corner(record, plan, 1.0 / step)
     time = _even(record.time, step)
     rows = {channel.name: _on(time, record, channel) for channel in record.channels}
@@ -80,9 +81,13 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
 
 
 def _even(time: np.ndarray, step: float) -> np.ndarray:
-    if np.all(np.abs(np.diff(time) - step) <= EVEN * step):
+    if _is_even(time, step):
         return time
     return time[0] + step * np.arange(int((time[-1] - time[0]) / step * (1.0 + 1e-9)) + 1)
+
+
+def _is_even(time: np.ndarray, step: float) -> bool:
+    return bool(np.all(np.abs(np.diff(time) - step) <= EVEN * step))
 
 
 def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray, np.ndarray]:

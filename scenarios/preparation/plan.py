@@ -38,8 +38,10 @@ class Plan:
     ----------
     segments : each becomes a record of its own.
     hold : behaviour of the inputs between samples; None: as the file's sidecar says, else as the data say.
-    rate : Hz, to which all channels are resampled behind one anti-alias filter; None keeps the samples.
+    rate : Hz, to which all channels are resampled behind one anti-alias filter; None keeps the samples. Of a file without a clock it is the
+        rate of its rows, and of a log of several topics the rate of the grid that they are put on.
     lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.
+    columns : names of a file's columns, in their order, where it has no header or another one is wanted; none keeps its own.
     trusted : what the raw columns show is only warned of; nothing is refused or set aside for it.
     """
 
@@ -48,6 +50,7 @@ class Plan:
     rate: float | None = None
     lowpass: float | None = None
     trusted: bool = False
+    columns: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for option, value in (("--rate", self.rate), ("--lowpass", self.lowpass)):
@@ -63,14 +66,25 @@ def plan_of(
     lowpass: float | None = None,
     *,
     trusted: bool = False,
+    columns: str | None = None,
 ) -> Plan:
     """A plan from the words of a command line: ``--from`` and ``--to`` in pairs, in their order.
 
     Raises
     ------
-    DeclarationError : ends that make no pairs, segments that overlap, a hold or a frequency that is none.
+    DeclarationError : ends that make no pairs, segments that overlap, a hold or a frequency that is none, an empty or repeated name.
     """
-    return Plan(_segments(list(starts or ()), list(stops or ())), _hold_of(hold) if hold is not None else None, rate, lowpass, trusted)
+    held = _hold_of(hold) if hold is not None else None
+    return Plan(_segments(list(starts or ()), list(stops or ())), held, rate, lowpass, trusted, _names_of(columns))
+
+
+def _names_of(columns: str | None) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in columns.split(",")) if columns is not None else ()
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None or not all(names):
+        what = f"{twice!r} is named twice" if twice else "a name is empty"
+        raise DeclarationError(what, where="--columns", remedy="give one name a column, as in time,elevator,alpha,q")
+    return names
 
 
 def _hold_of(word: str) -> Hold:

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.record_file import RecordFile
+from scenarios.files.measured.record_file import RecordFile, with_names
 from scenarios.files.own_models import channel_units, is_own
 from scenarios.preparation.airspeed import Flow, able, flow_doubts, flow_sentence, measured_flow, with_flow
 from scenarios.preparation.attitude import wants_attitude, with_attitude
@@ -88,11 +88,13 @@ def prepare(
     split = len(files) * len(plan.segments)
     parts = [(file, segment) for file in files for segment in plan.segments] + [(file, WHOLE[0]) for file in validate]
     optional = (*(able(model) if flow else ()), *((ATTITUDE,) if attitude and wants_attitude(model) else ()))
-    read = [_read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels) for n, (file, segment) in enumerate(parts)]
+    parted = [_read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels, plan) for n, (file, segment) in enumerate(parts)]
+    read, told = [each for each, _ in parted], [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
     records, look = looked_at([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
     ready = for_model(read[:split], model, plan, read[split:], decided)
-    return replace(ready, doubts=(*look.doubts, *ready.doubts), look=look)
+    notes = (*grouped(told, [record for record, _ in read]), *ready.notes)
+    return replace(ready, notes=notes, doubts=(*look.doubts, *ready.doubts), look=look)
 
 
 def for_model(
@@ -146,16 +148,35 @@ def named(name: str, segment: Segment, *, several: bool) -> str:
 
 
 def _read(
-    file: RecordFile, segment: Segment, several: bool, model: Model, optional: Sequence[str], channels: Mapping[str, ColumnChoice] | None
-) -> Read:
-    """A part of a file, and whether a sidecar says how its inputs are to be read."""
-    from scenarios.files.records import read_record
+    file: RecordFile,
+    segment: Segment,
+    several: bool,
+    model: Model,
+    optional: Sequence[str],
+    channels: Mapping[str, ColumnChoice] | None,
+    plan: Plan,
+) -> tuple[Read, tuple[str, ...]]:
+    """A part of a file with whether a sidecar says how its inputs are to be read, and sentences on how the file was understood."""
+    from scenarios.files.records import read_with_notes
 
     inputs, outputs = ([signal.name for signal in some] for some in (model.equations.inputs, model.equations.outputs))
     instead, units = {} if is_own(model) else instead_of(outputs), channel_units(model)
-    record = read_record(file, inputs, outputs, channels, segment.start, segment.stop, optional=optional, instead=instead, known=units)
+    record, notes = read_with_notes(
+        with_names(file, plan.columns),
+        inputs,
+        outputs,
+        channels,
+        segment.start,
+        segment.stop,
+        optional=optional,
+        hold=plan.hold,
+        instead=instead,
+        known=units,
+        rate=plan.rate,
+    )
     # Named by their files: a sidecar's name may be the same for all of them.
-    return replace(record, name=named(file.identity.name, segment, several=several)), file.sidecar.says_hold
+    record = replace(record, name=named(file.identity.name, segment, several=several))
+    return (record, file.sidecar.says_hold), notes
 
 
 def _readings(fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool) -> tuple[Hold | None, bool, list[str]]:

@@ -2,7 +2,23 @@
 
 from __future__ import annotations
 
-from scenarios.cli.options import AsJson, Channels, Figures, From, Held, Lowpass, NoFigures, Out, Quiet, Rate, Records, To, Trust, VehicleBeside
+from scenarios.cli.options import (
+    AsJson,
+    Channels,
+    Columns,
+    Figures,
+    From,
+    Held,
+    Lowpass,
+    NoFigures,
+    Out,
+    Quiet,
+    Rate,
+    Records,
+    To,
+    Trust,
+    VehicleBeside,
+)
 from scenarios.plots.formats import formats_of
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
@@ -12,6 +28,7 @@ def check(
     records: Records,
     vehicle: VehicleBeside = None,
     channels: Channels = None,
+    columns: Columns = None,
     start: From = None,
     stop: To = None,
     hold: Held = None,
@@ -28,6 +45,6 @@ def check(
     from scenarios.cli.telling import telling
     from scenarios.commands.check import check_records
 
-    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
+    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
     with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["compatibility.json"]) as told:
         check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), told.out, told.figures)

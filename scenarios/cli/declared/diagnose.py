@@ -13,6 +13,7 @@ from scenarios.cli.options import (
     Category,
     Channels,
     Class,
+    Columns,
     Figures,
     From,
     Held,
@@ -42,6 +43,7 @@ def diagnose(
     ] = None,
     effects: Annotated[Path | None, typer.Option("--effects", metavar="FILE", help="Python file with effects of your own; it is run.")] = None,
     channels: Channels = None,
+    columns: Columns = None,
     start: From = None,
     stop: To = None,
     hold: Held = None,
@@ -63,7 +65,7 @@ def diagnose(
     from scenarios.cli.telling import telling
     from scenarios.commands.diagnose import diagnose_records
 
-    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
+    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
     request = Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort, aircraft_class, category)
     with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["diagnosis.json"]) as told:
         diagnose_records(request, told.out, told.figures, progress=told.progress)

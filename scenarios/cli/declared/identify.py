@@ -13,6 +13,7 @@ from scenarios.cli.options import (
     Category,
     Channels,
     Class,
+    Columns,
     Figures,
     From,
     Held,
@@ -37,6 +38,7 @@ def identify(
     model: Model,
     vehicle: VehicleBeside = None,
     channels: Channels = None,
+    columns: Columns = None,
     start: From = None,
     stop: To = None,
     hold: Held = None,
@@ -71,7 +73,7 @@ def identify(
     from scenarios.cli.telling import telling
     from scenarios.commands.identify import identify_records, options_of
 
-    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
+    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
     request = Request(
         tuple(records), model, vehicle, tuple(validate or ()), channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category
     )
