@@ -50,6 +50,7 @@ _SI = {
     "deg": (0, 0, 0, 1),
     "Pa": (-1, -2, 1, 0),
 }
+_CAPITALS = {name.upper(): name for name in _SI}
 _DEGREE = math.pi / 180.0
 _FACTOR = re.compile(r"([*/]?)(rad|deg|kg|Pa|N|m|s|1)(?:\*\*(-?\d+))?(?=[*/]|$)")
 _GRAVITIES = ("g", "G", "gs", "g0", "g_0", "gee")
@@ -127,6 +128,10 @@ def _converted(value: Number, unit: str, text: str, target: str, shown: str, whe
         if target == "rad/s" and text.lower() in ("hz", "hertz"):
             return value * (2.0 * math.pi)
         raise wrong
+    if text.isupper():  # S and PA of a header in capitals are no siemens and no petaampere
+        usual = re.sub(r"[A-Z]+", lambda word: _CAPITALS.get(word[0], word[0]), text)
+        if usual != text and (size := _si_size(usual)) is not None and due is not None and size[:4] == due[:4]:
+            return _converted(value, unit, usual, target, shown, where, error)
     units = _registry()
     goal, parsed = _parsed(units, normal_form(target)), _parsed(units, _pounds(text, target))
     if goal is None:

@@ -6,10 +6,12 @@ import gzip
 import importlib
 import pkgutil
 import zlib
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 from scenarios.files import formats
+from scenarios.files.formats.cells import Table
 from scenarios.files.formats.topic import Reader, Topic, as_module, damaged
 from scenarios.files.sources import Source
 from sim.errors import RecordError
@@ -50,10 +52,26 @@ def topics_of(source: Source) -> tuple[Topic, ...]:
     if raw.startswith(GZIP) or path.suffix.lower() == ".gz":
         raw, inner = _unpacked(path, raw), path.with_suffix("") if path.suffix.lower() == ".gz" else path
     topics = reader_for(inner, raw).read(path, raw)
-    filled = tuple(topic for topic in topics if topic.table.rows.size)
+    filled = tuple(replace(topic, table=without_empty_tail(topic.table)) for topic in topics)
+    filled = tuple(topic for topic in filled if topic.table.rows.size)
     if not filled:
         raise RecordError("there is a header but no rows", where=str(path), remedy="give one row a sample")
     return filled
+
+
+def without_empty_tail(table: Table) -> Table:
+    """The table without the rows at its end in which no cell holds anything, as spreadsheets export them."""
+    count = table.rows.size
+    while count and all(len(column) < count or _is_empty(column[count - 1]) for column in table.columns):
+        count -= 1
+    if count in (0, table.rows.size):
+        return table  # a table without any number is for the reader of its channels to refuse
+    columns = tuple(column[:count] for column in table.columns)
+    return replace(table, columns=columns, rows=table.rows[:count], ragged={row: n for row, n in table.ragged.items() if row < count})
+
+
+def _is_empty(cell: object) -> bool:
+    return cell is None or cell != cell or (isinstance(cell, str) and not cell.strip())
 
 
 def _unpacked(path: Path, raw: bytes) -> bytes:

@@ -154,7 +154,7 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
     numbers printed with a fixed number of significant digits have fewer decimals the larger they are. Of all such grids the one
     with the least largest deviation is taken (a linear program in ``a``, ``b``).
     """
-    if time.size < 10 or np.any(np.diff(time) < 0.0):
+    if time.size < 10 or not np.all(np.diff(time) >= 0.0):
         return None
     step = (time[-1] - time[0]) / (time.size - 1)
     if not step > 0.0:

@@ -1,0 +1,339 @@
+"""A draft of the channel map and of the vehicle file, from the headers of a recorder's file, with a reason for each guess."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.channels import ColumnChoice
+from scenarios.files.formats.topic import Topic
+from scenarios.files.measured.clock import grid_of_coarse_stamps
+from scenarios.files.measured.columns import split_header
+from scenarios.files.measured.derived import clock_of, clock_place, stated_unit
+from scenarios.files.measured.record_file import RecordFile
+from scenarios.files.records import read_record
+from scenarios.files.units import to_si
+from sim.errors import RecordError
+
+INPUTS = ("elevator", "stick", "aileron", "rudder", "thrust")
+UNIT_WORDS = ("deg", "rad", "degs", "rads", "ms", "ms2", "kt", "kts", "ktas", "kias", "ft", "m", "g")
+BEYOND = {"rad": 1.6, "rad/s": 8.0}  # an unlabelled angle or rate that moves further is more likely to be in degrees
+EVEN = 1e-3  # of the step, by which the steps of a clock may differ
+NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")  # topics that hold no measured motion
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A channel of the draft.
+
+    Attributes
+    ----------
+    channel : our name. choice : the column or expression. reason : why this one, in a few words.
+    least, most : of its values, SI. samples : how many numbers it has. fault : what is wrong with it, empty where nothing is.
+    """
+
+    channel: str
+    choice: ColumnChoice
+    reason: str
+    samples: int = 0
+    least: float = 0.0
+    most: float = 0.0
+    fault: str = ""
+
+
+@dataclass(frozen=True)
+class TopicSummary:
+    """A topic of a log: its name, columns, rows and samples a second (zero where it has no clock)."""
+
+    name: str
+    columns: tuple[str, ...]
+    rows: int
+    rate: float
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A draft of a channel map.
+
+    Attributes
+    ----------
+    file : the record file. topics : its topics. guesses : channels found, in the order of our channels.
+    faults : everything that is wrong with the file, one line each. unused : columns that no channel takes.
+    model : the model that the channels fit, empty where none does.
+    """
+
+    file: RecordFile
+    topics: tuple[TopicSummary, ...]
+    guesses: tuple[Guess, ...]
+    faults: tuple[str, ...]
+    unused: tuple[str, ...]
+    model: str
+
+
+def drafted(file: RecordFile, rate: float | None = None) -> Draft:
+    """Guess the channels of a file and try each of them.
+
+    Parameters
+    ----------
+    file : the file as it was read. rate : Hz, of a file without a clock.
+    """
+    topics = file.topics or (Topic("", file.table),)
+    degrees = _in_degrees(topics)
+    found = [guess for channel in CHANNEL_UNITS if (guess := _guess(channel, topics, degrees)) is not None]
+    clockless: tuple[str, ...] = ()
+    if not any(guess.channel == TIME for guess in found) and len(topics) == 1 and rate is None:
+        clockless = ("the file has no clock; give its rate with --rate HZ, or name the column of time",)
+    if len(topics) > 1:
+        found = [guess for guess in found if guess.channel != TIME]
+    choices = {guess.channel: guess.choice for guess in found}
+    tried = [_tried(file, guess, choices, 1.0 if clockless else rate) for guess in found]
+    faults = list(dict.fromkeys([*clockless, *(guess.fault for guess in tried if guess.fault)]))
+    taken = {column for guess in tried for column in _columns_in(guess.choice, topics)}
+    names = [f"{topic.name}.{cell}" if topic.name else cell for topic in topics for cell in topic.table.header]
+    return Draft(
+        file,
+        tuple(_summary(topic) for topic in topics),
+        tuple(tried),
+        tuple(faults),
+        tuple(name for name in names if name not in taken),
+        _model_for({guess.channel for guess in tried if not guess.fault}),
+    )
+
+
+def map_text(draft: Draft) -> str:
+    """The draft as a channel map in TOML, a reason beside each line."""
+    lines = [f"# Draft of a channel map for {draft.file.path.name}. Check every line: names do not say signs, and seldom units."]
+    for guess in draft.guesses:
+        choice, doubt = guess.choice, f"; NOT USABLE: {guess.fault}" if guess.fault else ""
+        column = choice.column if isinstance(choice.column, int) else _quoted(choice.column)
+        entry = str(column) if choice.unit is None else f"{{column = {column}, unit = {_quoted(choice.unit)}}}"
+        lines.append(f"{'# ' if guess.fault else ''}{guess.channel} = {entry}  # {guess.reason}{doubt}")
+    missing = [name for name in ("elevator", "aileron", "rudder", "alpha", "beta", "q") if name not in {guess.channel for guess in draft.guesses}]
+    if missing:
+        lines.append(f"# Not found: {', '.join(missing)}. A line is such as")
+        lines.append('# elevator = {column = "0.5*(elevon_left + elevon_right)", unit = "deg"}')
+    if draft.unused:
+        shown = ", ".join(draft.unused[:60]) + (", ..." if len(draft.unused) > 60 else "")
+        lines.append(f"# Columns left: {shown}")
+    return "\n".join(lines) + "\n"
+
+
+def vehicle_text(draft: Draft) -> str:
+    """A draft of the vehicle file for the model that the channels fit; the numbers that the record does not have stand as comments."""
+    model = draft.model or "rigid"
+    if model == "ballistic":
+        return _BALLISTIC.format(name=_quoted(draft.file.path.stem))
+    speed = next((0.5 * (guess.least + guess.most) for guess in draft.guesses if guess.channel == "airspeed" and not guess.fault), None)
+    key = "reference_airspeed" if model == "longitudinal" else "airspeed"
+    known = f"{key} = {speed:.4g}  # m/s, the middle of the recorded range" if speed else f"# {key} = ...  # m/s"
+    lengths = ["span"] if model == "lateral" else ["chord"]
+    inertias = ["roll_inertia", "yaw_inertia", "cross_inertia"] if model == "lateral" else ["pitch_inertia"]
+    more = {"lateral": ["trim_alpha  # rad", "trim_theta  # rad"], "longitudinal": ["thrust_arm  # m, above the centre of gravity"]}.get(model, [])
+    lines = [
+        f"# Draft of a vehicle file for --model {model}. Take the # from each line and give its number.",
+        f"name = {_quoted(draft.file.path.stem)}",
+        '# mass = ...  # kg, or a text with a unit: mass = "24200 lb"',
+        "# wing_area = ...  # m2",
+        *(f"# {name} = ...  # m" for name in lengths),
+        *(f"# {name} = ...  # kg m2" for name in inertias),
+        known,
+        "# air_density = ...  # kg/m3 at the height of the flight",
+        *(f"# {line.split('  ')[0]} = ...  {line.split('  ')[1]}" for line in more),
+        "[derivatives]  # where the search starts; 30 % wrong will do",
+    ]
+    return "\n".join([*lines, *(f"# {name} = ..." for name in _DERIVATIVES[model])]) + "\n"
+
+
+_BALLISTIC = """# Draft of a vehicle file for --model ballistic. Take the # from each line and give its number.
+name = {name}
+# air_density_reference = ...  # kg/m3 at altitude 0; 1.225 at sea level
+# density_scale_height = ...  # m; 8500 near the ground
+gravity = 9.80665  # m/s2
+[derivatives]  # where the search starts
+# beta = ...  # kg/m2: mass / (drag coefficient * area)
+"""
+_DERIVATIVES = {
+    "rigid": ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"),
+    "longitudinal": (
+        "CD_0", "CD_V", "CD_alpha", "CL_0", "CL_V", "CL_alpha", "CL_q", "CL_de", "Cm_0", "Cm_V", "Cm_alpha", "Cm_q", "Cm_de",
+    ),
+    "lateral": (
+        "CY_beta", "CY_p", "CY_r", "CY_da", "CY_dr", "Cl_beta", "Cl_p", "Cl_r", "Cl_da", "Cl_dr", "Cn_beta", "Cn_p", "Cn_r", "Cn_da", "Cn_dr",
+    ),
+}  # fmt: skip
+
+
+@lru_cache(maxsize=1)
+def _recorder_names() -> Mapping[str, Any]:
+    return tomllib.loads(files("scenarios.preparation").joinpath("recorder_names.toml").read_text(encoding="utf-8"))
+
+
+def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> Guess | None:
+    """The best column of a channel, None where no name recalls one that moves; ``degrees``: topics whose unlabelled angles are in degrees."""
+    words = _recorder_names().get(channel, {})
+    if len(topics) > 1:
+        for path in words.get("columns", ()):
+            if _has(path, topics):
+                unit = words.get("units", {}).get(path)
+                return Guess(channel, ColumnChoice(path, unit), f"the usual column of {_recorder(path)}{_unit_words(unit)}")
+        for each in words.get("expression", ()):
+            if all(_has(name, topics) and "." in name for name in each["needs"]):
+                return Guess(channel, ColumnChoice(each["text"]), each["reason"])
+    for rank in (_plain(channel), *(_plain(name) for name in words.get("names", ()))):
+        for topic in topics:
+            if len(topics) > 1 and NO_MEASUREMENT.search(topic.name.lower()):
+                continue
+            for index, cell in enumerate(topic.table.header):
+                if _plain(split_header(cell)[0]) not in (rank, *(f"{rank}{word}" for word in UNIT_WORDS)):
+                    continue
+                if channel == TIME or (clock_place(topic.table) != index and _moves(topic, index)):
+                    return _of_column(channel, topic, index, degrees)
+    for each in words.get("expression", ()):
+        if all(_has(name, topics) for name in each["needs"]):
+            return Guess(channel, ColumnChoice(each["text"]), each["reason"])
+    return _even_column(topics[0]) if channel == TIME and len(topics) == 1 else None
+
+
+def _even_column(topic: Topic) -> Guess | None:
+    """The first column that increases in even steps, as a clock does."""
+    for index in range(min(len(topic.table.header), 3)):
+        values = _numbers(topic, index)
+        if values.size != topic.table.rows.size or values.size < 10 or not np.all(np.diff(values) >= 0.0):
+            continue
+        steps = np.diff(values)
+        even = np.all(np.abs(steps - np.median(steps)) < EVEN * np.median(steps))
+        if even or grid_of_coarse_stamps(values) is not None:
+            return Guess(TIME, ColumnChoice(index + 1), "increases in even steps, as a clock does")
+    return None
+
+
+def _moves(topic: Topic, index: int) -> bool:
+    values = _numbers(topic, index)
+    return bool(values.size and np.ptp(values) > 0.0)
+
+
+def _in_degrees(topics: Sequence[Topic]) -> set[str]:
+    """Topics with an unlabelled angle or rate that moves further than one in radians would."""
+    found = set()
+    for channel, inside in CHANNEL_UNITS.items():
+        if inside not in BEYOND or channel in INPUTS:
+            continue
+        guess = _guess(channel, topics, ())
+        if guess is not None and guess.choice.unit in ("deg", "deg/s") and "no unit is stated" in guess.reason:
+            found.add(str(guess.choice.column).rpartition(".")[0] if len(topics) > 1 else "")
+    return found
+
+
+def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str]) -> Guess:
+    cell = topic.table.header[index]
+    path = f"{topic.name}.{cell}" if topic.name else cell
+    inside = CHANNEL_UNITS[channel]
+    reason = f"named {split_header(cell)[0]}"
+    said = stated_unit(topic.table, index)
+    if channel == TIME:
+        return Guess(channel, ColumnChoice(path, said), f"{reason}; its unit: {said or 'by the rate of the rows'}")
+    if said is None:
+        said = _suffix(cell)
+    if said is not None and _converts(said, inside):
+        return Guess(channel, ColumnChoice(path, said), f"{reason}, in {said}")
+    values = _numbers(topic, index)
+    moves = float(np.max(np.abs(values - np.median(values)))) if values.size else 0.0
+    degree = {"rad": "deg", "rad/s": "deg/s"}.get(inside)
+    if moves > BEYOND.get(inside, np.inf):
+        return Guess(channel, ColumnChoice(path, degree), f"{reason}; no unit is stated, and it moves by {moves:.3g}: taken as {degree}")
+    if degree is not None and topic.name in degrees:
+        return Guess(channel, ColumnChoice(path, degree), f"{reason}; no unit is stated: taken as {degree}, as other angles of the file are")
+    return Guess(channel, ColumnChoice(path, None), f"{reason}; no unit is stated: taken as {inside}")
+
+
+def _tried(file: RecordFile, guess: Guess, choices: Mapping[str, ColumnChoice], rate: float | None) -> Guess:
+    """The guess with the range of its values, or with the fault that keeps it from being read."""
+    if guess.channel == TIME:
+        return guess
+    kept = {name: choice for name, choice in choices.items() if name in (TIME, guess.channel)}
+    try:
+        record = read_record(file, (), [guess.channel], kept, rate=rate)
+    except RecordError as error:
+        return Guess(guess.channel, guess.choice, guess.reason, fault=str(error))
+    values = record[guess.channel].values[record[guess.channel].valid]
+    return Guess(guess.channel, guess.choice, guess.reason, int(values.size), float(values.min()), float(values.max()))
+
+
+def _summary(topic: Topic) -> TopicSummary:
+    place = clock_place(topic.table)
+    rate = 0.0
+    if place is not None:
+        try:
+            steps = np.diff(clock_of(topic.table, place).time)
+        except RecordError:
+            steps = np.zeros(0)
+        steps = steps[np.isfinite(steps) & (steps > 0.0)]
+        rate = 1.0 / float(np.median(steps)) if steps.size else 0.0
+    return TopicSummary(topic.name, topic.table.header, int(topic.table.rows.size), rate)
+
+
+def _model_for(channels: set[str]) -> str:
+    if "elevator" in channels and {"q", "alpha", "nz", "az"} & channels:
+        return "longitudinal" if {"airspeed", "theta", "thrust"} <= channels else "rigid"
+    if {"aileron", "rudder"} & channels and {"p", "r", "beta"} & channels:
+        return "lateral"
+    return "ballistic" if channels - {TIME} and channels <= {TIME, "altitude", "height", "airspeed"} else ""
+
+
+def _columns_in(choice: ColumnChoice, topics: Sequence[Topic]) -> set[str]:
+    text = str(choice.column)
+    names = {f"{topic.name}.{cell}" if topic.name else cell for topic in topics for cell in topic.table.header}
+    return {text} if text in names else {name for name in names if re.search(rf"(?<![\w.]){re.escape(name)}(?![\w\[])", text)}
+
+
+def _has(path: str, topics: Sequence[Topic]) -> bool:
+    return any(path in (cell, f"{topic.name}.{cell}") for topic in topics for cell in topic.table.header)
+
+
+def _recorder(path: str) -> str:
+    return "ArduPilot" if path.split(".")[0].split("[")[0].isupper() else "PX4"
+
+
+def _unit_words(unit: str | None) -> str:
+    if unit is None:
+        return ""
+    return f", in {unit}" if unit != "rad" else ": a command from -1 to 1, to be scaled to the surface's angle"
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def _suffix(cell: str) -> str | None:
+    """A unit at the end of a header behind an underscore or a comma: ``alpha,__deg``, ``pitch_deg``."""
+    word = re.split(r"[,_ ]+", split_header(cell)[0].strip())[-1]
+    return {"deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g"}.get(word)
+
+
+def _converts(unit: str, inside: str) -> bool:
+    try:
+        to_si(1.0, unit, inside, "")
+    except RecordError:
+        return False
+    return True
+
+
+def _numbers(topic: Topic, index: int) -> np.ndarray:
+    from scenarios.files.formats.cells import numbers
+
+    values = numbers(topic.table, index).values
+    return values[np.isfinite(values)]
+
+
+def _quoted(text: str) -> str:
+    import json
+
+    return json.dumps(text, ensure_ascii=False)
