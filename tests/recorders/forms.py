@@ -1,0 +1,240 @@
+"""One record of a short-period motion in the forms in which people store records, and the channel map that each of them needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenarios.files.channels import ColumnChoice
+from tests.recorders.logs import write_dataflash, write_ulog
+
+DEGREE = np.pi / 180.0
+NAMES = ("time", "elevator", "alpha", "q")
+Columns = dict[str, np.ndarray]
+MAPPED = {name: ColumnChoice(n + 1) for n, name in enumerate(NAMES)}
+
+
+def record(rows: int = 400) -> Columns:
+    """Time at 50 Hz, a 3-2-1-1 of the elevator, and a motion; every number has six digits, so that all forms can hold it exactly."""
+    time = np.round(0.02 * np.arange(rows), 6)
+    elevator = 0.05 * np.select([(time > 1) & (time <= 2.5), (time > 2.5) & (time <= 3.5), (time > 3.5) & (time <= 4)], [1.0, -1.0, 1.0], 0.0)
+    rng = np.random.default_rng(5)
+    alpha = np.round(0.06 * np.sin(1.9 * time) * np.exp(-0.3 * time) + 1e-3 * rng.standard_normal(rows), 6)
+    q = np.round(0.1 * np.cos(1.9 * time) * np.exp(-0.3 * time) + 1e-3 * rng.standard_normal(rows), 6)
+    return {"time": time, "elevator": elevator, "alpha": alpha, "q": q}
+
+
+@dataclass(frozen=True)
+class Form:
+    """A way to store the record: how it is written, the channel map and rate that it needs, and how exact it is."""
+
+    write: Callable[[Path, Columns], Path]
+    choices: dict[str, ColumnChoice] | None = None
+    rate: float | None = None
+    tolerance: float = 1e-12
+    names: tuple[str, ...] = field(default=())
+
+
+def _rows(columns: Columns, mark: str, header: bool = True, names: tuple[str, ...] = NAMES) -> str:
+    lines = [mark.join(names)] if header else []
+    lines += [mark.join(repr(float(columns[name][row])) for name in NAMES if name in columns) for row in range(columns["alpha"].size)]
+    return "\n".join(lines) + "\n"
+
+
+def _text(mark: str, suffix: str = ".csv", encoding: str = "utf-8", before: str = "", **options: Any) -> Callable[[Path, Columns], Path]:
+    def write(folder: Path, columns: Columns) -> Path:
+        path = folder / f"record{suffix}"
+        path.write_bytes((before + _rows(columns, mark, **options)).encode(encoding))
+        return path
+
+    return write
+
+
+def _stamps(text: Callable[[float], str]) -> Callable[[Path, Columns], Path]:
+    def write(folder: Path, columns: Columns) -> Path:
+        path = folder / "record.csv"
+        lines = [",".join(NAMES)]
+        for row, time in enumerate(columns["time"]):
+            lines.append(",".join([text(float(time)), *(repr(float(columns[name][row])) for name in NAMES[1:])]))
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+    return write
+
+
+def _comma(folder: Path, columns: Columns) -> Path:
+    path = folder / "record.csv"
+    path.write_text(_rows(columns, ";").replace(".", ","))
+    return path
+
+
+def _unit_row(folder: Path, columns: Columns) -> Path:
+    path = folder / "record.csv"
+    degrees = {name: values / DEGREE if name in ("elevator", "alpha", "q") else values for name, values in columns.items()}
+    head, rest = _rows(degrees, "\t").split("\n", 1)
+    path.write_text(f"{head}\ns\tdeg\tdeg\tdeg/s\n{rest}")
+    return path
+
+
+def _no_time(folder: Path, columns: Columns) -> Path:
+    return _text(",", names=NAMES[1:])(folder, {name: columns[name] for name in NAMES[1:]})
+
+
+def _frame(method: str, suffix: str, **options: Any) -> Callable[[Path, Columns], Path]:
+    def write(folder: Path, columns: Columns) -> Path:
+        import pandas
+
+        path = folder / f"record{suffix}"
+        getattr(pandas.DataFrame(columns), method)(path, **options)
+        return path
+
+    return write
+
+
+def _hdf5(folder: Path, columns: Columns) -> Path:
+    import h5py
+
+    path = folder / "record.h5"
+    with h5py.File(path, "w") as file:
+        group = file.create_group("flight")
+        for name, values in columns.items():
+            data = group.create_dataset(name, data=values / DEGREE if name == "alpha" else values)
+            data.attrs["units"] = {"time": "s", "alpha": "deg", "elevator": "rad", "q": "rad/s"}[name]
+    return path
+
+
+def _mat(content: Callable[[Columns], dict[str, Any]]) -> Callable[[Path, Columns], Path]:
+    def write(folder: Path, columns: Columns) -> Path:
+        from scipy.io import savemat
+
+        path = folder / "record.mat"
+        savemat(path, content(columns))
+        return path
+
+    return write
+
+
+def _mat73(folder: Path, columns: Columns) -> Path:
+    import h5py
+
+    path = folder / "record.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in columns.items():
+            data = file.create_dataset(name, data=values.reshape(1, -1))
+            data.attrs["MATLAB_class"] = np.bytes_(b"double")
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM")
+    return path
+
+
+def _mdf(folder: Path, columns: Columns) -> Path:
+    from asammdf import MDF, Signal
+
+    path = folder / "record.mf4"
+    units = {"elevator": "deg", "alpha": "rad", "q": "rad/s"}
+    with MDF() as log:
+        signals = [Signal(columns[n] / (DEGREE if units[n] == "deg" else 1.0), columns["time"], name=n, unit=units[n]) for n in NAMES[1:]]
+        log.append(signals)
+        log.save(path, overwrite=True)
+    return path
+
+
+def _tdms(folder: Path, columns: Columns) -> Path:
+    from nptdms import ChannelObject, TdmsWriter
+
+    path = folder / "record.tdms"
+    with TdmsWriter(str(path)) as writer:
+        told = {"wf_increment": 0.02, "wf_start_offset": 0.0}
+        writer.write_segment([ChannelObject("flight", name, columns[name], {**told, "unit_string": ""}) for name in NAMES[1:]])
+    return path
+
+
+def _ulog(folder: Path, columns: Columns) -> Path:
+    stamps = np.round(1e6 * columns["time"]) + 5_000_000
+    topics = {
+        "vehicle_angular_velocity": {"timestamp": stamps, "xyz[0]": 0 * stamps, "xyz[1]": columns["q"], "xyz[2]": 0 * stamps},
+        "vane": {"timestamp": stamps, "alpha": columns["alpha"]},
+        "actuator_servos": {"timestamp": stamps, "control[0]": 0 * stamps, "control[1]": columns["elevator"] / 0.5},
+    }
+    return write_ulog(folder / "record.ulg", topics)
+
+
+def _dataflash(folder: Path, columns: Columns) -> Path:
+    stamps = np.round(1e6 * columns["time"])
+    two = np.repeat(stamps, 2)
+    messages = {
+        "IMU": {"TimeUS": two, "I": np.tile([0.0, 1.0], stamps.size), "GyrY": np.column_stack([columns["q"], 0 * stamps]).ravel()},
+        "AOA": {"TimeUS": stamps, "AOA": columns["alpha"] / DEGREE},
+        "RCOU": {"TimeUS": stamps, "C2": 1500.0 + 500.0 * columns["elevator"]},
+    }
+    return write_dataflash(folder / "record.bin", messages, {"IMU": "s#E", "AOA": "sd"})
+
+
+def _shuffled(order: Callable[[int], list[int]]) -> Callable[[Path, Columns], Path]:
+    def write(folder: Path, columns: Columns) -> Path:
+        rows = order(columns["time"].size)
+        return _text(",")(folder, {name: values[rows] for name, values in columns.items()})
+
+    return write
+
+
+def _exchanged(count: int) -> list[int]:
+    rows = list(range(count))
+    rows[100], rows[101] = rows[101], rows[100]
+    return rows
+
+
+def _matrix(columns: Columns) -> np.ndarray:
+    return np.column_stack([columns[name] for name in NAMES])
+
+
+PWM = {"elevator": ColumnChoice("pwm(C2, 1500, 500)")}
+FORMS: dict[str, Form] = {
+    "comma": Form(_text(",")),
+    "tab": Form(_text("\t", ".tsv")),
+    "semicolon": Form(_text(";")),
+    "blanks": Form(_text("   ", ".asc")),
+    "bar": Form(_text(" | ", ".txt")),
+    "decimal comma": Form(_comma),
+    "row of units": Form(_unit_row),
+    "latin-1": Form(_text(",", encoding="latin-1", before="# Flugversuch für Böen\n")),
+    "utf-16": Form(_text("\t", encoding="utf-16")),
+    "preamble": Form(_text(",", before="Flight test data\nAircraft: X1, second flight\n\n")),
+    "capitals": Form(_text(",", names=("Time", "ELEVATOR", "Alpha", "Q"))),
+    "no header": Form(_text(" ", ".asc", header=False), MAPPED),
+    "no header, named": Form(_text(",", header=False), names=NAMES),
+    "no time": Form(_no_time, rate=50.0),
+    "microseconds": Form(_stamps(lambda time: str(round(1e6 * time)))),
+    "milliseconds": Form(_stamps(lambda time: str(round(1e3 * time)))),
+    "iso": Form(_stamps(lambda time: f"2025-03-01T12:00:{time:09.6f}Z"), tolerance=1e-9),
+    "hh:mm:ss": Form(_stamps(lambda time: f"12:00:{time:06.3f}"), tolerance=1e-9),
+    "irig": Form(_stamps(lambda time: f"060:23:59:{52 + time:06.3f}" if time < 8 else ""), tolerance=1e-9),
+    "repeats": Form(_shuffled(lambda count: [*range(200), 199, *range(200, count)])),
+    "unsorted": Form(_shuffled(_exchanged)),
+    "parquet": Form(_frame("to_parquet", ".parquet")),
+    "feather": Form(_frame("to_feather", ".feather")),
+    "excel": Form(_frame("to_excel", ".xlsx", index=False)),
+    "ods": Form(_frame("to_excel", ".ods", index=False, engine="odf")),
+    "hdf5": Form(_hdf5),
+    "mat vectors": Form(_mat(dict)),
+    "mat struct": Form(_mat(lambda columns: {"flight": columns})),
+    "mat nested": Form(_mat(lambda columns: {"log": {"flight": {name: {"data": each, "units": ""} for name, each in columns.items()}}})),
+    "mat matrix": Form(_mat(lambda columns: {"Z": _matrix(columns)}), MAPPED),
+    "mat named matrix": Form(_mat(lambda columns: {"Z": _matrix(columns), "names": np.array(NAMES, dtype=object)})),
+    "mat iddata": Form(
+        _mat(lambda columns: {"u": columns["elevator"], "y": np.column_stack([columns["alpha"], columns["q"]]), "Ts": 0.02}),
+        {"elevator": ColumnChoice("u"), "alpha": ColumnChoice("y1"), "q": ColumnChoice("y2")},
+    ),
+    "mat 7.3": Form(_mat73),
+    "mdf": Form(_mdf),
+    "tdms": Form(_tdms),
+    "ulog": Form(
+        _ulog, {"elevator": ColumnChoice("0.5*actuator_servos.control[1]"), "alpha": ColumnChoice("vane.alpha"),
+                "q": ColumnChoice("vehicle_angular_velocity.xyz[1]")},
+    ),
+    "dataflash": Form(_dataflash, {**PWM, "alpha": ColumnChoice("AOA.AOA"), "q": ColumnChoice("IMU[0].GyrY")}),
+}  # fmt: skip

@@ -1,0 +1,84 @@
+"""Writers of PX4 and ArduPilot logs, by the published descriptions of the formats; only what the tests need of them."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+Topics = Mapping[str, Mapping[str, np.ndarray]]
+
+
+def write_ulog(path: Path, topics: Topics) -> Path:
+    """A ULog with one message a topic; its column ``timestamp`` is in microseconds, the others are doubles, arrays as ``q[0]``, ``q[1]``."""
+    out = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0))
+
+    def message(kind: bytes, body: bytes) -> None:
+        out.extend(struct.pack("<HB", len(body), kind[0]) + body)
+
+    message(b"B", bytes(8) + bytes(8) + bytes(24))
+    for name, columns in topics.items():
+        fields = ["uint64_t timestamp"]
+        for field, count in _fields(columns):
+            fields.append(f"double[{count}] {field}" if count else f"double {field}")
+        message(b"F", f"{name}:{';'.join(fields)};".encode())
+    for number, name in enumerate(topics):
+        message(b"A", struct.pack("<BH", 0, number) + name.encode())
+    rows = []
+    for number, columns in enumerate(topics.values()):
+        order = [name for field, count in _fields(columns) for name in ([f"{field}[{n}]" for n in range(count)] if count else [field])]
+        for row, stamp in enumerate(columns["timestamp"]):
+            values = [float(columns[name][row]) for name in order]
+            rows.append((int(stamp), struct.pack(f"<HQ{len(values)}d", number, int(stamp), *values)))
+    for _, body in sorted(rows, key=lambda each: each[0]):
+        message(b"D", body)
+    path.write_bytes(out)
+    return path
+
+
+def _fields(columns: Mapping[str, np.ndarray]) -> list[tuple[str, int]]:
+    """Field -> elements of its array, zero of a plain one; the clock is left out."""
+    found: dict[str, int] = {}
+    for name in columns:
+        field, _, rest = name.partition("[")
+        if field != "timestamp":
+            found[field] = found.get(field, 0) + bool(rest)
+    return list(found.items())
+
+
+def write_dataflash(path: Path, messages: Topics, units: Mapping[str, str] | None = None) -> Path:
+    """A DataFlash log: ``TimeUS`` as 64 bit integer, all other columns as doubles; ``units``: letter for each column of a message."""
+    out = bytearray()
+
+    def head(kind: int) -> bytes:
+        return b"\xa3\x95" + bytes([kind])
+
+    def declare(kind: int, length: int, name: str, form: str, columns: Sequence[str]) -> None:
+        fields = struct.pack("<BB4s16s64s", kind, length, name.encode(), form.encode(), ",".join(columns).encode())
+        out.extend(head(128) + fields)
+
+    declare(128, 89, "FMT", "BBnNZ", ["Type", "Length", "Name", "Format", "Columns"])
+    kinds = {}
+    for number, (name, columns) in enumerate(messages.items()):
+        kinds[name] = number + 1
+        form = "".join("Q" if column == "TimeUS" else "B" if column == "I" else "d" for column in columns)
+        declare(number + 1, 3 + sum({"Q": 8, "d": 8, "B": 1}[letter] for letter in form), name, form, list(columns))
+    if units:
+        declare(100, 3 + 8 + 1 + 64, "UNIT", "QbZ", ["TimeUS", "Id", "Label"])
+        declare(101, 3 + 8 + 1 + 16 + 16, "FMTU", "QBNN", ["TimeUS", "FmtType", "UnitIds", "MultIds"])
+        for letter, label in {"s": "s", "d": "deg", "k": "deg/s", "r": "rad", "E": "rad/s", "#": "instance", "o": "m/s/s"}.items():
+            out.extend(head(100) + struct.pack("<Qb64s", 0, ord(letter), label.encode()))
+        for name, letters in units.items():
+            out.extend(head(101) + struct.pack("<QB16s16s", 0, kinds[name], letters.encode(), ("F" + "-" * (len(letters) - 1)).encode()))
+    rows = []
+    for name, columns in messages.items():
+        form = "<" + "".join("Q" if column == "TimeUS" else "B" if column == "I" else "d" for column in columns)
+        for row, stamp in enumerate(columns["TimeUS"]):
+            values = [int(columns[column][row]) if column in ("TimeUS", "I") else float(columns[column][row]) for column in columns]
+            rows.append((int(stamp), head(kinds[name]) + struct.pack(form, *values)))
+    for _, body in sorted(rows, key=lambda each: each[0]):
+        out.extend(body)
+    path.write_bytes(out)
+    return path
