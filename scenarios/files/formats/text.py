@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,7 +33,9 @@ COMMENT = "#"
 COMMENTS = ("#", "%", "//")
 UNNAMED = "column {}"
 LONGEST = 100_000  # characters of a line
-LARGE = 200_000  # bytes from which a plain file is parsed column by column
+BEGINNING = 200_000  # bytes in which the layout of a large file is found
+BLOCK = 4_000_000  # bytes that are parsed at a time
+LARGE = 500_000  # bytes from which a plain file is parsed column by column
 _DECLARED = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 _SAVE = "save it as CSV in UTF-8, as Parquet or as MAT"
 _UNPRINTABLE = re.compile("[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
@@ -46,28 +50,53 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     ------
     RecordError : no text, empty, or columns that cannot be told apart.
     """
+    if len(raw) > LARGE and (topic := _large(path, raw)) is not None:
+        return (topic,)
     text, notes = _text(path, raw)
+    layout = _layout(path, text)
+    body = text[layout.first :]
+    commented = bool(layout.above) and _is_comment(layout.above[-1])
+    table = _table(path, body, layout.separator, len(layout.above), named=layout.named, commented=commented)
+    return (Topic("", table, (*notes, *layout.notes)),)
+
+
+class Layout(NamedTuple):
+    """Where the header or the first row begins (character), the lines above it, what parts the columns, and whether there is a header."""
+
+    first: int
+    above: list[str]
+    separator: str
+    named: bool
+    notes: tuple[str, ...] = ()
+
+
+def _layout(path: Path, text: str) -> Layout:
     first, above = _header_at(text)
     declared = _DECLARED.fullmatch(above[0]) if above else None
-    separator = declared[1] if declared is not None else None
-    more = None if separator is not None else _detected(text[first:])
-    if more is not None:
-        separator, skipped, named = more
-        for line in io.StringIO(text[first:], newline=""):
-            if skipped == 0:
-                break
-            above.append(line)
-            first += len(line)
-            skipped -= 1
-    else:
-        separator = separator if separator is not None else _separator(path, text[first:], len(above))
-        named = True
-    table = _fast_table(path, text, first, len(above), separator, named=named) if len(text) - first > LARGE else None
-    if table is None:
-        table = _table(path, text[first:], separator, len(above), named=named, commented=bool(above) and _is_comment(above[-1]))
-    if any(_titles(above)) and more is not None:
-        notes = (*notes, f"{sum(_titles(above))} lines above the header are taken as titles")
-    return (Topic("", table, notes),)
+    if declared is not None:
+        return Layout(first, above, declared[1], True)
+    detected = _detected(text[first:])
+    if detected is None:
+        return Layout(first, above, _separator(path, text[first:], len(above)), True)
+    separator, skipped, named = detected
+    for line in itertools.islice(io.StringIO(text[first:], newline=""), skipped):
+        above.append(line)
+        first += len(line)
+    titles = sum(_titles(above))
+    return Layout(first, above, separator, named, (f"{titles} lines above the header are taken as titles",) if titles else ())
+
+
+def _large(path: Path, raw: bytes) -> Topic | None:
+    """A large plain file, parsed by pyarrow or pandas from its bytes; None where anything in it asks for the careful reading."""
+    begin = raw[:BEGINNING]
+    try:
+        head = begin[: begin.rindex(b"\n") + 1].decode("utf-8-sig")
+        layout = _layout(path, head)
+    except (ValueError, RecordError):
+        return None
+    skipped = len(head[: layout.first].encode()) + (3 if begin.startswith(b"\xef\xbb\xbf") else 0)
+    found = _fast_table(path, raw, skipped, head[layout.first :], layout)
+    return Topic("", found, layout.notes) if found is not None else None
 
 
 def _table(path: Path, text: str, separator: str, above: int, *, named: bool, commented: bool) -> Table:
@@ -180,67 +209,69 @@ def _cells(line: str, mark: str) -> list[str]:
     return cells[:-1] if mark == "|" and len(cells) > 1 and not cells[-1].strip() else cells
 
 
-def _fast_table(path: Path, text: str, first: int, above: int, separator: str, *, named: bool) -> Table | None:
-    """The table of a large plain file, parsed by pyarrow or pandas; None where anything in it asks for the careful reading."""
-    begin = text[first : first + 1_000_000]
-    if separator not in (*SEPARATORS, BLANKS) or (separator != "," and "," in begin) or '"' in begin:
-        return None
+def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> Table | None:
+    """The table that begins at a byte of a plain file; ``begin``: its first lines, the header's first among them."""
+    separator, named = layout.separator, layout.named
     lines = begin.splitlines()[:3]
+    body = begin.split("\n", 1)[-1]
+    if separator not in (*SEPARATORS, BLANKS) or len(lines) < 3 or '"' in body or (separator != "," and "," in body):
+        return None
     header = tuple(one_line(cell) for cell in _cells(lines[0], separator)) if named else ()
-    if named and (len(lines) < 3 or has_number(_cells(lines[0], separator))):
+    if named and has_number(header):
         return None
     units = unit_row(header, _cells(lines[1], separator)) if named else ()
     skipped = (1 + bool(units)) if named else 0
-    at = first
     for _ in range(skipped):
-        at = text.index("\n", at) + 1
-    content = text[at:].encode()
+        at = raw.index(b"\n", at) + 1
     width = len(header) or len(_cells(lines[0], separator))
-    columns = _blank_columns(content, width) if separator == BLANKS else _marked_columns(content, separator, width)
-    if columns is None:
+    columns = _blank_columns(raw, at, width) if separator == BLANKS else _marked_columns(raw, at, separator, width)
+    if columns is None or len(columns[0]) != raw.count(b"\n", at) + (not raw.endswith(b"\n")):
         return None
-    count = len(columns[0])
-    if count != content.count(b"\n") + (not content.endswith(b"\n")):
-        return None  # empty lines: their rows have numbers too
-    rows = np.arange(count) + above + skipped + 1
+    rows = np.arange(len(columns[0])) + len(layout.above) + skipped + 1
     return Table(str(path), header or _numbered(width), tuple(columns), rows, {}, units, separator)
 
 
-def _marked_columns(content: bytes, separator: str, width: int) -> list[np.ndarray] | None:
+def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.ndarray] | None:
+    """Columns of the rows from a byte on, block by block, so that memory holds the file and its numbers once; None where a cell is unusual.
+
+    A column is one of numbers where all cells of its first block are; a cell further on that is none makes the careful reading necessary.
+    """
     import pyarrow
     from pyarrow import csv as arrow_csv
 
     missing = sorted({spelling for word in MISSING for spelling in (word, word.upper(), word.capitalize(), "NaN", "-NaN")})
     names = [f"c{n}" for n in range(width)]
-    trailing = content.split(b"\n", 1)[0].rstrip(b"\r").endswith(separator.encode()) and separator == "|"
-    reading = arrow_csv.ReadOptions(column_names=[*names, "end"] if trailing else names)
+    trailing = raw[at : raw.index(b"\n", at)].rstrip(b"\r ").endswith(separator.encode()) and separator == "|"
+    every = [*names, "end"] if trailing else names
     parsing = arrow_csv.ParseOptions(delimiter=separator, quote_char=False)
+    content = pyarrow.py_buffer(raw).slice(at)
 
-    def parsed(types: dict[str, pyarrow.DataType]) -> pyarrow.Table:
-        conversion = arrow_csv.ConvertOptions(
+    def options(types: dict[str, pyarrow.DataType]) -> arrow_csv.ConvertOptions:
+        return arrow_csv.ConvertOptions(
             null_values=missing, strings_can_be_null=True, column_types=types, include_columns=names, true_values=[], false_values=[]
         )
-        return arrow_csv.read_csv(io.BytesIO(content), reading, parsing, conversion)
 
+    reading = arrow_csv.ReadOptions(column_names=every, block_size=BLOCK)
+    count = raw.count(b"\n", at) + (not raw.endswith(b"\n"))
     try:
-        table = parsed({})
-        texts = {name: pyarrow.string() for name in names if pyarrow.types.is_temporal(table.schema.field(name).type)}
-        table = parsed(texts) if texts else table
-    except pyarrow.ArrowInvalid:
+        first = arrow_csv.open_csv(pyarrow.BufferReader(content), reading, parsing, options({})).read_next_batch()
+        numeric = [
+            pyarrow.types.is_integer(each.type) or pyarrow.types.is_floating(each.type) or pyarrow.types.is_null(each.type) for each in first.schema
+        ]
+        types = {name: pyarrow.float64() if number else pyarrow.string() for name, number in zip(names, numeric, strict=True)}
+        columns = [np.empty(count) if number else np.empty(count, dtype=object) for number in numeric]
+        row = 0
+        for batch in arrow_csv.open_csv(pyarrow.BufferReader(content), reading, parsing, options(types)):
+            if row + batch.num_rows > count:
+                return None
+            for column, values in zip(columns, batch.columns, strict=True):
+                column[row : row + batch.num_rows] = values.to_numpy(zero_copy_only=False)
+            row += batch.num_rows
+    except (pyarrow.ArrowInvalid, StopIteration):
         return None
-    columns = []
-    for name in names:
-        column = table.column(name)
-        if pyarrow.types.is_integer(column.type) or pyarrow.types.is_floating(column.type):
-            columns.append(column.to_numpy().astype(float))
-        elif pyarrow.types.is_null(column.type):
-            columns.append(np.full(len(column), np.nan))
-        elif pyarrow.types.is_string(column.type) or pyarrow.types.is_large_string(column.type):
-            stripped = column.to_pandas().astype(object)
-            columns.append(_numeric_or_text(stripped.where(stripped.notna(), None).to_numpy(dtype=object)))
-        else:
-            return None
-    return columns
+    if row != count:
+        return None  # empty lines: their rows have numbers too
+    return [column if number else _numeric_or_text(column) for column, number in zip(columns, numeric, strict=True)]
 
 
 def _numeric_or_text(cells: np.ndarray) -> np.ndarray:
@@ -253,18 +284,13 @@ def _numeric_or_text(cells: np.ndarray) -> np.ndarray:
         return cells
 
 
-def _blank_columns(content: bytes, width: int) -> list[np.ndarray] | None:
-    import pandas
-
+def _blank_columns(raw: bytes, at: int, width: int) -> list[np.ndarray] | None:
+    """Columns of rows that are parted by blanks; None where a cell is no number or a row has another width."""
     try:
-        frame = pandas.read_csv(
-            io.BytesIO(content), sep=r"\s+", header=None, engine="c", float_precision="round_trip", keep_default_na=False, quoting=csv.QUOTE_NONE
-        )
-    except (ValueError, pandas.errors.ParserError):
+        values = np.loadtxt(io.BytesIO(raw[at:]), dtype=float, comments=None, ndmin=2)
+    except ValueError:
         return None
-    if frame.shape[1] != width or not all(pandas.api.types.is_numeric_dtype(kind) for kind in frame.dtypes):
-        return None  # a short row leaves a cell without a number
-    return [frame.iloc[:, n].to_numpy(dtype=float) for n in range(width)]
+    return list(np.ascontiguousarray(values.T)) if values.shape[1] == width else None
 
 
 def _header_at(text: str) -> tuple[int, list[str]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scenarios.files.formats.cells import numbers
 from scenarios.files.formats.registry import readers
 from scenarios.files.measured.record_file import read_record_file, with_names
 from scenarios.files.records import read_record
@@ -34,3 +35,28 @@ def test_every_format_has_a_form() -> None:
     assert {".csv", ".ulg", ".bin", ".mf4", ".tdms", ".h5", ".mat", ".xlsx", ".ods", ".feather", ".parquet"} <= suffixes
     for name, reader in readers().items():
         assert reader.FORMAT and reader.SUFFIXES and reader.__doc__, name
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t", "|", " "])
+def test_a_large_file_reads_as_a_small_one(tmp_path: Path, mark: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from scenarios.files.formats import text
+
+    rng = np.random.default_rng(1)
+    rows = [mark.join(["time", "elevator", "alpha", "q", "mode"])]
+    for row in range(3000):
+        cells = [f"{0.01 * row:.2f}", f"{rng.standard_normal():.3e}", f"{rng.standard_normal():.17g}", str(rng.integers(-9, 9))]
+        cells[2] = "nan" if row % 7 == 3 else cells[2]
+        rows.append(mark.join([*cells, "auto" if mark != " " else "7"]))
+    path = tmp_path / "record.csv"
+    path.write_bytes(("# a log\n" + "\n".join(rows) + "\n").encode())
+    monkeypatch.setattr(text, "LARGE", 10**9)
+    careful = read_record_file(path).table
+    monkeypatch.setattr(text, "LARGE", 1000)
+    monkeypatch.setattr(text, "BLOCK", 20_000)
+    fast = read_record_file(path).table
+    assert isinstance(fast.columns[0], np.ndarray) and not isinstance(careful.columns[0], np.ndarray)
+    assert (fast.header, fast.rows.tolist()) == (careful.header, careful.rows.tolist())
+    for index in range(4):
+        assert numbers(fast, index).values.tobytes() == numbers(careful, index).values.tobytes()
+    path.write_bytes(path.read_bytes() + mark.join(["30.0", "x", "0", "0", "7"]).encode())
+    assert numbers(read_record_file(path).table, 1).texts == {3000: "x"}
