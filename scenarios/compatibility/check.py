@@ -17,6 +17,7 @@ from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile, all_simulated, identities, read_record_files, refuse_twice, with_names
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile, read_any_vehicle, vehicle_beside
+from scenarios.preparation.gaps import split_at_gaps
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_of, joined, looked_at
 from scenarios.preparation.request import Request, column_choices
@@ -63,11 +64,12 @@ def check_files(request: Request) -> Check:
     choices, plan = column_choices(request), request.plan
     files = read_record_files(request.records)
     read = [record_to_check(file, segment, plan, choices, declared) for file in files for segment in plan.segments]
-    records = tuple(record for record, _, _ in read)
+    parted = [split_at_gaps(record) for record, _, _ in read]
+    records = tuple(part for parts, _ in parted for part in parts)
     look = joined([look for _, _, look in read], trusted=plan.trusted)
     result = compatibility(records, settings)
     vehicle = declared.identity if declared is not None else None
-    notes = tuple(note for _, told, _ in read for note in told)
+    notes = (*(note for _, told, _ in read for note in told), *(note for _, note in parted if note))
     return Check(result, records, settings, identities(files), vehicle, notes, look, all_simulated(files))
 
 

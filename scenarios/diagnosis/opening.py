@@ -75,7 +75,7 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
     if not opened.validation:
         split = split_off(whole, model)
         fitted, predicted, held_out_from, notes = split.fitted, (split.held,), split.cut, (split.sentence, *notes)
-        if held_out_from is None and len(plan.segments) == 1:
+        if held_out_from is None and len(plan.segments) == 1 and len(whole) == len(opened.records):
             files = (opened.records[:-1], opened.records[-1:])
     refuse_still(whole, model)
     refuse_unpredictable(ready.validation, model)

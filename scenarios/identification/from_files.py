@@ -93,8 +93,12 @@ def _identified(
     refuse_still(ready.fitted, ready.model)
     refuse_unpredictable(ready.validation, ready.model)
     first, *others = ready.measured if own else ready.fitted
+    notes = ready.notes
+    if method in FILTERS and others and len(files[0]) * len(plan.segments) == 1:
+        first, others = max((first, *others), key=len), []
+        notes = (*notes, f"a filter runs along one part of a record: the longest, {first.name}, is used")
     found = identify(first, vehicle, method, others, ready.model, ready.validation, asked)
-    return ready, replace(found, notes=(*ready.notes, *found.notes), doubts=ready.doubts, look=ready.look)
+    return ready, replace(found, notes=(*notes, *found.notes), doubts=ready.doubts, look=ready.look)
 
 
 def _read_otherwise(found: Identification, again: Callable[[Hold], Identification]) -> Identification:

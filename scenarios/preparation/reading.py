@@ -15,6 +15,7 @@ from scenarios.files.own_models import channel_units, is_own
 from scenarios.preparation.airspeed import Flow, able, flow_doubts, flow_sentence, measured_flow, with_flow
 from scenarios.preparation.attitude import wants_attitude, with_attitude
 from scenarios.preparation.filtering import filtered
+from scenarios.preparation.gaps import gaps_of, split_at_gaps
 from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold
 from scenarios.preparation.load_factor import instead_of, with_load_factors
 from scenarios.preparation.plan import ATTITUDE, BY_HAND, WHOLE, Plan, Segment
@@ -25,6 +26,7 @@ from sim.record import Hold, Record
 
 Read = tuple[Record, bool]  # a record, and whether its file says how its inputs are to be read
 PLAIN = 0.15  # of a residual, by which a record without trim lift shows itself; other effects that a model lacks do less
+PREDICTED_THROUGH = "the record has a gap in time, through which its inputs are held; cut it with --from and --to"
 STEADY = 0.01  # of the pressure, within which its change is no evidence of anything
 
 
@@ -85,15 +87,24 @@ def prepare(
     ------
     RecordError : anything in a file that keeps it from being used, in one line.
     """
-    split = len(files) * len(plan.segments)
+    split = split_files = len(files) * len(plan.segments)
     parts = [(file, segment) for file in files for segment in plan.segments] + [(file, WHOLE[0]) for file in validate]
     optional = (*(able(model) if flow else ()), *((ATTITUDE,) if attitude and wants_attitude(model) else ()))
     parted = [_read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels, plan) for n, (file, segment) in enumerate(parts)]
-    read, told = [each for each, _ in parted], [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
+    told = [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
+    read: list[Read] = []
+    for (record, stated), _ in parted[:split]:
+        pieces, of_gaps = split_at_gaps(record)
+        read += [(piece, stated) for piece in pieces]
+        told += [f"{record.name}: {of_gaps}"] if of_gaps else []
+    told += [f"{record.name}: {PREDICTED_THROUGH}" for (record, _), _ in parted[split:] if gaps_of(record).size]
+    names = [record for (record, _), _ in parted]
+    split = len(read)
+    read += [each for each, _ in parted[split_files:]]
     records, look = looked_at([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
     ready = for_model(read[:split], model, plan, read[split:], decided)
-    notes = (*grouped(told, [record for record, _ in read]), *ready.notes)
+    notes = (*grouped(told, names), *ready.notes)
     return replace(ready, notes=notes, doubts=(*look.doubts, *ready.doubts), look=look)
 
 

@@ -1,0 +1,53 @@
+"""A record with gaps in its time becomes several; each sample is in one of them, and none lies in a gap."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scenarios.preparation.gaps import FEWEST, split_at_gaps
+from sim.record import Channel, Record
+
+
+def record(time: np.ndarray) -> Record:
+    return Record(time, (Channel.of("elevator", "rad", 0 * time),), (Channel.of("q", "rad/s", np.sin(time)),), name="flight.csv")
+
+
+@given(st.lists(st.integers(40, 90), min_size=1, max_size=4), st.floats(0.3, 60.0), st.floats(0.005, 0.05))
+def test_every_sample_is_kept_and_none_is_simulated_through(sizes: list[int], gap: float, step: float) -> None:
+    steps = np.full(sum(sizes), step)
+    steps[np.cumsum(sizes)[:-1]] = gap
+    time = np.cumsum(steps)
+    parts, note = split_at_gaps(record(time))
+    assert [len(part) for part in parts] == sizes and bool(note) == (len(sizes) > 1)
+    assert np.concatenate([part.time for part in parts]).tolist() == time.tolist()
+    assert len({part.name for part in parts}) == len(parts)
+
+
+def test_short_losses_are_bridged() -> None:
+    time = 0.012 * np.arange(600)
+    (whole,), note = split_at_gaps(record(np.delete(time, slice(200, 208))))
+    assert len(whole) == 592 and not note
+
+
+def test_a_scrap_is_left_out() -> None:
+    time = np.concatenate([0.02 * np.arange(200), 50.0 + 0.02 * np.arange(FEWEST - 1), 90.0 + 0.02 * np.arange(200)])
+    parts, note = split_at_gaps(record(time))
+    assert [len(part) for part in parts] == [200, 200]
+    assert "2 gaps" in note and "1 part of fewer than 30 samples left out" in note
+
+
+def test_slow_uneven_records_have_no_gaps() -> None:
+    rng = np.random.default_rng(2)
+    time = np.cumsum(rng.uniform(0.05, 0.2, 300))
+    assert split_at_gaps(record(time))[1] == ""
+    slow = np.cumsum(rng.uniform(0.8, 1.3, 50))
+    assert split_at_gaps(record(slow))[1] == ""
+
+
+@pytest.mark.parametrize("count", [3, 12])
+def test_a_record_of_scraps_alone_keeps_them(count: int) -> None:
+    time = np.concatenate([10.0 * part + 0.02 * np.arange(count) for part in range(4)])
+    assert [len(part) for part in split_at_gaps(record(time))[0]] == [count] * 4
