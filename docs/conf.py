@@ -62,6 +62,7 @@ contents = {
         "made/contributing",
     ],
     "how-to/README": [
+        "how-to/your-recorder",
         "how-to/own-record",
         "how-to/estimate",
         "how-to/own-flight-data",

@@ -10,6 +10,7 @@ from scenarios.preparation.plan import plan_of
 from scenarios.terminal.display_units import shown_in, unit_cell
 from scenarios.terminal.paragraphs import terminal_width
 from scenarios.terminal.tables import Column, table_lines
+from sim.errors import DeclarationError
 
 CHANNELS, VEHICLE = "channels.toml", "vehicle.toml"
 SHOWN = 60  # characters of an expression
@@ -23,6 +24,8 @@ def draft_map(path: Path, out: Path | None, rate: float | None, columns: str | N
     FlightidError : the file cannot be read; ``out`` holds a map or vehicle file already.
     """
     plan = plan_of(rate=rate, columns=columns)
+    if out is not None:
+        _refuse_present(out)
     draft = drafted(with_names(read_record_file(path), plan.columns), plan.rate)
     _print_topics(draft, whole=topics)
     _print_channels(draft)
@@ -84,12 +87,13 @@ def _table(columns: list[Column]) -> None:
     print("\n".join(f"  {line}" for line in table_lines(columns, width=terminal_width())))
 
 
-def _write(out: Path, draft: Draft) -> None:
-    from sim.errors import DeclarationError
-
+def _refuse_present(out: Path) -> None:
     for name in (CHANNELS, VEHICLE):
         if (out / name).exists():
             raise DeclarationError("there is such a file already", where=str(out / name), remedy="name another folder with --out")
+
+
+def _write(out: Path, draft: Draft) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
         (out / VEHICLE).write_text(vehicle_text(draft), encoding="utf-8")

@@ -17,7 +17,9 @@ from scenarios.cli.application import COMMANDS
 from scenarios.studies.scenario_file import schema
 from tests.integration.command_line import CommandLine
 from tests.integration.documents.snippets import DOCUMENTS, MOST_NOT_RUN, NOT_RUN, ROOT, SLOW, Reader, blocks, is_run, name_of, snippets, why_not_run
+from tests.recorders.flights import write_all
 
+RECORDERS = "docs/how-to/your-recorder.md"  # its logs are made here, as no reader can type one
 LINK = re.compile(r"\]\(([^)#\s]+)\)")
 FOLLOWED = [path for path in DOCUMENTS if any(why_not_run(path, snippet) is None for _, snippet in snippets(path))]
 
@@ -39,6 +41,8 @@ def test_commands_do_what_the_document_shows(
     monkeypatch.syspath_prepend(tmp_path)
     for folder in ("docs", "labs"):
         (tmp_path / folder).symlink_to(ROOT / folder)
+    if name_of(path) == RECORDERS:
+        write_all(tmp_path)
     reader = Reader(flightid)
     reader.follow(path)
     assert reader.lines or not any(kind == "text" for kind, _ in blocks(path))

@@ -71,11 +71,11 @@ def test_a_column_at_a_lower_rate_in_one_table(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("\n".join(rows))
     record, notes = read_with_notes(path, ["elevator"], ["q"])
-    np.testing.assert_allclose(record["elevator"].values, np.sin(time), atol=1.5e-3 + 0.1 * (time > time[-5]))
+    np.testing.assert_allclose(record["elevator"].values[:296], np.sin(time)[:296], atol=1.5e-3)
     assert "a sample every 0.1 s" in " ".join(notes)
-    path.write_text("\n".join([*rows[:100], "9.9,,0", *rows[200:]]))
+    path.write_text("\n".join([*rows[:100], *(f"{row.split(',')[0]},,0" for row in rows[100:200]), *rows[200:]]))
     with pytest.raises(RecordError, match="an input sample is missing"):
-        read_record(path, ["elevator"], ["q"], start=0.0, stop=9.9)
+        read_record(path, ["elevator"], ["q"])
 
 
 def test_a_map_computes(tmp_path: Path) -> None:

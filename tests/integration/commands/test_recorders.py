@@ -1,0 +1,80 @@
+"""From the files of recorders to identified parameters and a diagnosis: the numbers are those of a table made by hand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.integration.command_line import CommandLine
+from tests.recorders.flights import TRUTH, VEHICLE, ardupilot, flight, px4
+
+pytest.importorskip("pyulog")
+pytest.importorskip("pymavlink")
+PX4 = """elevator = {column = "30 * 0.5*(actuator_servos.control[0] + actuator_servos.control[1])", unit = "deg"}
+alpha = "vane.angle_of_attack"
+q = "vehicle_angular_velocity.xyz[1]"
+"""
+ARDUPILOT = """elevator = "0.5*(pwm(RCOU.C2, 1510, 572.9577951308232) - pwm(RCOU.C1, 1500, 572.9577951308232))"
+alpha = {column = "AOA.AOA", unit = "deg"}
+q = "IMU[0].GyrY"
+"""
+
+
+def estimates(flightid: CommandLine, folder: Path, record: Path, channels: str = "") -> dict[str, dict[str, float]]:
+    """Parameters of the rigid model from a record."""
+    (folder / "uav.toml").write_text(VEHICLE)
+    (folder / "map.toml").write_text(channels)
+    options = ["--channels", str(folder / "map.toml")] if channels else []
+    out = folder / f"study-{record.suffix[1:]}"
+    flightid.done("identify", str(record), "--model", "rigid", "--vehicle", str(folder / "uav.toml"), *options, "--no-figures", "--out", str(out))
+    content = json.loads((out / "comparison.json").read_text())
+    return dict(content["parameters"])
+
+
+def by_hand(folder: Path, columns: dict[str, np.ndarray]) -> Path:
+    path = folder / "hand.csv"
+    rows = ["time,elevator,alpha,q", *(",".join(repr(float(value)) for value in row) for row in zip(*columns.values(), strict=True))]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_logs_give_the_numbers_of_a_table_made_by_hand(flightid: CommandLine, tmp_path: Path) -> None:
+    columns = flight()
+    expected = estimates(flightid, tmp_path, by_hand(tmp_path, columns))
+    for name, truth in TRUTH.items():
+        assert abs(expected[name]["estimate"] - truth) < 3.5 * expected[name]["std"], name
+    logs = [(px4(tmp_path / "uav.ulg", columns), PX4), (ardupilot(tmp_path / "uav.bin", columns), ARDUPILOT)]
+    for log, channels in logs:
+        found = estimates(flightid, tmp_path, log, channels)
+        for name in TRUTH:
+            assert found[name]["estimate"] == pytest.approx(expected[name]["estimate"], abs=1e-3 * expected[name]["std"]), (log.name, name)
+
+
+def test_topics_at_a_fifth_of_the_rate_give_the_truth(flightid: CommandLine, tmp_path: Path) -> None:
+    found = estimates(flightid, tmp_path, px4(tmp_path / "uav.ulg", flight(), every=5), PX4)
+    for name, truth in TRUTH.items():
+        assert abs(found[name]["estimate"] - truth) < max(4.0 * found[name]["std"], 0.05 * abs(truth)), (name, found[name])
+
+
+def test_a_log_is_diagnosed(flightid: CommandLine, tmp_path: Path) -> None:
+    (tmp_path / "uav.toml").write_text(VEHICLE)
+    (tmp_path / "map.toml").write_text(PX4)
+    log = px4(tmp_path / "uav.ulg", flight(delay=0.06))
+    out = tmp_path / "study"
+    flightid.done("diagnose", str(log), "--model", "rigid", "--vehicle", str(tmp_path / "uav.toml"), "--channels", str(tmp_path / "map.toml"),
+                  "--no-figures", "--out", str(out))  # fmt: skip
+    content = json.loads((out / "diagnosis.json").read_text())
+    named = {name for effect in content["effects"] for name in (effect["name"], *effect["alternatives"])}
+    assert content["verdict"] in ("traced", "ambiguous", "partial") and "input-delay" in named
+
+
+def test_a_draft_of_a_log_is_a_map_that_reads_it(flightid: CommandLine, tmp_path: Path) -> None:
+    ardupilot(tmp_path / "uav.bin", flight())
+    printed = flightid.done("map", str(tmp_path / "uav.bin"), "--out", str(tmp_path / "draft"))
+    text = (tmp_path / "draft" / "channels.toml").read_text()
+    assert 'q = "IMU[0].GyrY"' in text and 'alpha = {column = "AOA.AOA", unit = "deg"}' in text
+    assert "a log of 4 topics" in printed and "drafts to check" in printed
+    assert "already" in flightid.refused("map", str(tmp_path / "uav.bin"), "--out", str(tmp_path / "draft"))
