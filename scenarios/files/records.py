@@ -144,6 +144,20 @@ def window_of(file: RecordFile, start: float | None = None, stop: float | None =
     return window.time, window.rows
 
 
+def raw_column(file: RecordFile, index: int) -> np.ndarray:
+    """The numbers of a column in the rows of the record, shape ``(N,)``, in no unit but the file's; NaN where a cell is none. Raises RecordError."""
+    window = _time(file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), None, None, None)
+    return window.of(numbers(file.table, index).values)
+
+
+def refuse_without_clock(file: RecordFile) -> None:
+    """Raise RecordError where no column of a file is a clock, or the file is a log of several topics without a channel map."""
+    if file.topics:
+        remedy = "name its channels with a channel map; flightid map drafts one"
+        raise RecordError(f"a log of {len(file.topics)} topics", where=str(file.path), remedy=remedy)
+    _clock_column(file, file.choices, CHANNEL_UNITS, None)
+
+
 def column_of(file: RecordFile, channel: str) -> Column:
     """The column of one of our channels by the file's own channel map. Raises RecordError where there is none, as ``find_column`` else."""
     column = _columns(file, [channel], set(), file.choices, CHANNEL_UNITS)[channel]

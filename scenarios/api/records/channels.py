@@ -13,8 +13,9 @@ from scenarios.files.declarations import closest
 from scenarios.files.formats.cells import numbers
 from scenarios.files.measured.columns import Column as Found
 from scenarios.files.measured.columns import split_header, suffix_unit
+from scenarios.files.measured.derived import clock_place
 from scenarios.files.measured.record_file import RecordFile
-from scenarios.files.records import column_of, read_record
+from scenarios.files.records import column_of, raw_column, read_record
 from sim.errors import RecordError
 
 INPUTS = ("elevator", STICK, "aileron", "rudder", "thrust")
@@ -51,7 +52,8 @@ def columns_of(file: RecordFile) -> dict[str, Column]:
             name, unit_told = split_header(cell)
             told = unit_told or under[index] or file.sidecar.units.get(name) or file.sidecar.units.get(cell) or "1"
             taken[index] = (name if name not in CHANNEL_UNITS else cell, Column(told, cell, partial(_raw, file, index)))
-    return {name: column for _, (name, column) in sorted(taken.items()) if name != TIME}
+    clock = clock_place(file.table)
+    return {name: column for index, (name, column) in sorted(taken.items()) if name != TIME and index != clock}
 
 
 def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:
@@ -87,7 +89,7 @@ def _channel(file: RecordFile, name: str) -> np.ndarray:
 
 
 def _raw(file: RecordFile, index: int) -> np.ndarray:
-    return numbers(file.table, index).values
+    return raw_column(file, index)
 
 
 def _numeric(file: RecordFile, index: int) -> bool:

@@ -8,9 +8,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from scenarios.api.records.channels import refuse_units
+from scenarios.api.records.channels import INPUTS, refuse_units
 from scenarios.api.records.conversion import unpacked
 from scenarios.api.records.in_memory import file_of_columns
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME
 from scenarios.files.channels import read_channel_map
 from scenarios.files.measured.record_file import RecordFile, read_record_file
 from scenarios.preparation.plan import plan_of
@@ -40,9 +41,21 @@ def opened_source(
         file = file_of_columns(content, name or told.name, known, held)
     chosen = choices_of(channels, units or {})
     if chosen is not None:
-        file = replace(file, choices=read_channel_map(chosen) if isinstance(chosen, Path) else read_channel_map(chosen, chosen))
+        choices = read_channel_map(chosen) if isinstance(chosen, Path) else read_channel_map(chosen, chosen)
+        file = _computed(replace(file, choices=choices))
     refuse_units(units or {}, file)
     return file, told.inputs
+
+
+def _computed(file: RecordFile) -> RecordFile:
+    """The file with a column for each channel that its map computes, and the topics of a log on one grid."""
+    from scenarios.files.measured.derived import with_derived
+
+    names = [name for name in file.choices if name != TIME]
+    controls = [name for name in names if name in INPUTS]
+    known = {**{name: "1" for name in names}, **CHANNEL_UNITS}
+    derived, choices = with_derived(file, file.choices, controls, [name for name in names if name not in controls], known=known)
+    return replace(derived, choices=dict(choices or {}))
 
 
 def choices_of(channels: Any, units: Units | None = None) -> Path | dict[str, Any] | None:

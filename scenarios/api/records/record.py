@@ -16,7 +16,7 @@ from scenarios.api.records.opening import Choices, Units, opened_source
 from scenarios.api.shown import html
 from scenarios.files.channel_names import TIME
 from scenarios.files.measured.record_file import RecordFile
-from scenarios.files.records import column_of, window_of
+from scenarios.files.records import refuse_without_clock, window_of
 from sim import record as sim_record
 from sim.errors import RecordError
 
@@ -179,7 +179,7 @@ def read_record(
 
     Parameters
     ----------
-    source : path of a CSV, Parquet or MAT file; a DataFrame, whose time is a column ``time`` or its index (datetimes, timedeltas, or an index
+    source : path of a file of any format that ``flightid map`` reads; a DataFrame, whose time is a column ``time`` or its index (datetimes, timedeltas, or an index
         named time); a mapping of names to arrays, or a structured array; a Dataset; a TimeResponseData; a record.
     units : channel or column -> unit, of columns whose name does not say it, ``{"alpha": "deg"}``.
     channels : channel -> column where names are not ours, ``{"alpha": "AoA1"}`` or ``{"alpha": ("AoA1", "deg")}``; or a channel map's path.
@@ -194,7 +194,7 @@ def read_record(
     if isinstance(source, Record):
         return source
     file, told = opened_source(source, units=units, channels=channels, hold=hold, name=name)
-    column_of(file, TIME)
+    refuse_without_clock(file)
     return Record(file, tuple(inputs) if inputs is not None else told)
 
 
