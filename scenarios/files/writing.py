@@ -60,7 +60,7 @@ def write_responses(path: Path, record: Record, predicted: Mapping[str, np.ndarr
     writer.writerow(columns)
     rows = zip(*(np.asarray(column, dtype=float).tolist() for column in columns.values()), strict=True)
     writer.writerows([f"{value:.9g}" if math.isfinite(value) else "" for value in row] for row in rows)
-    path.write_text(text.getvalue(), encoding="utf-8")
+    path.write_text(text.getvalue(), encoding="utf-8", newline="\n")
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:

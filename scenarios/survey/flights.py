@@ -106,7 +106,7 @@ def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
     from scenarios.survey.schema import FlightEntry
 
     patterns = [entry.records] if isinstance(entry.records, str) else entry.records or []
-    told = {str(one) for each in entry.flights for one in (each.records or [str(each.record)])}
+    told = {Path(one) for each in entry.flights for one in (each.records or [str(each.record)])}
     out = []
     for pattern in patterns:
         matched = sorted(root.glob(pattern)) if any(mark in pattern for mark in "*?[") else [root / pattern]
@@ -114,7 +114,8 @@ def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
             raise DeclarationError(
                 f"no file matches {pattern!r}", where=f"{where}, key records", remedy="check the path; it is relative to this file"
             )
-        out += [FlightEntry.model_validate({"record": str(each.relative_to(root))}) for each in matched if str(each.relative_to(root)) not in told]
+        paths = [each.relative_to(root) for each in matched]
+        out += [FlightEntry.model_validate({"record": each.as_posix()}) for each in paths if each not in told]
     return out
 
 

@@ -96,6 +96,7 @@ def run_study(work: Work, asked: Asked, tell: Tell = lambda stage, share: None) 
             except (FlightidError, KeyboardInterrupt) as error:
                 kept = len(shards.read(asked.count)["number"])
                 if not kept and not asked.resume:
+                    stack.close()  # the lock's file is closed first: Windows removes no open file
                     _take_away(folder, made)
                 raise _cut_short(error, kept, asked) if isinstance(error, FlightidError) else error from None
             columns = shards.read(asked.count)
