@@ -81,10 +81,10 @@ class Drawer:
         """End the process at once, and what it forked with it."""
         if self.process.poll() is None:
             with contextlib.suppress(OSError):
-                if os.name == "posix":
+                if hasattr(os, "killpg"):
                     os.killpg(self.process.pid, signal.SIGKILL)
                 else:
-                    self.process.kill()
+                    self.process.terminate()
         self.process.wait()
         if self.process.stdin is not None:
             with contextlib.suppress(OSError):
