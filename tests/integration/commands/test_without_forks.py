@@ -108,13 +108,13 @@ def commands(flights: Path) -> Mapping[str, list[str]]:
     }
 
 
-@pytest.mark.parametrize("name", ["run", "identify", "diagnose", "campaign", "survey"])
+@pytest.mark.parametrize("name", ["run", "identify", "diagnose", "campaign", pytest.param("survey", marks=pytest.mark.slow)])
 def test_the_same_files_without_a_fork(name: str, flights: Path, tmp_path: Path) -> None:
     folders = {}
     for method, prelude in (("fork", ""), ("spawn", NO_FORK)):
         folders[method] = tmp_path / method
         folders[method].mkdir()
-        run(folders[method], commands(flights)[name], prelude, **{START_METHOD: method})
+        run(folders[method], commands(flights)[name], prelude, None, **{START_METHOD: method})
     assert not (folders["spawn"] / "seen").exists()
     forked, spawned = (written(folder / "out") for folder in folders.values())
     assert forked.keys() == spawned.keys() and len(forked) > 3
@@ -174,5 +174,3 @@ def test_json_is_utf8_on_a_pipe_of_any_coding(coding: str, flights: Path, tmp_pa
 
     arguments = ["check", str(flights / "records" / "a.csv"), "--vehicle", str(flights / "aircraft.toml"), "--json"]
     assert json.loads(run(tmp_path, arguments, "", PYTHONIOENCODING=coding))
-
-

@@ -71,7 +71,9 @@ def test_processes_that_are_started_afresh_give_the_same_table(whole: Table, job
 
     monkeypatch.setattr(os, "fork", no_fork)
     assert same(run_study(Toy(), dataclasses.replace(ASKED, jobs=jobs)), whole)
-    assert same(run_study(Toy(killing=(13,)), dataclasses.replace(ASKED, jobs=jobs)), run_study(Toy(killing=(13,)), dataclasses.replace(ASKED, jobs=2)))
+    killed = run_study(Toy(killing=(13,)), dataclasses.replace(ASKED, jobs=jobs))
+    monkeypatch.undo()
+    assert same(killed, run_study(Toy(killing=(13,)), dataclasses.replace(ASKED, jobs=2)))
 
 
 def test_ctrl_c_ends_processes_that_are_started_afresh(whole: Table, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,9 +97,8 @@ def test_the_lock_of_windows_is_of_the_first_byte(tmp_path: Path, monkeypatch: p
 
     monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(locking=locking, LK_NBLCK=2))
     monkeypatch.setitem(sys.modules, "fcntl", None)
-    with shards.locked(tmp_path):
-        with pytest.raises(FlightidError, match="another process is writing here"), shards.locked(tmp_path):
-            pass
+    with shards.locked(tmp_path), pytest.raises(FlightidError, match="another process is writing here"), shards.locked(tmp_path):
+        pass
     with shards.locked(tmp_path):
         pass
 
