@@ -40,6 +40,16 @@ def can_fork() -> bool:
     return able and wanted != "spawn"
 
 
+def fork() -> int:
+    """``os.fork()``, which Python 3.12 and later warn of where the system sees other threads. Raises OSError.
+
+    Those draw the progress or wait inside a library; a fork of ours neither prints nor waits for them.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return os.fork()
+
+
 @dataclass(eq=False)
 class Alongside(Generic[T]):
     """``compute()`` by a fork from ``begin`` on; here where that was never called, cannot be done, or failed."""
@@ -53,15 +63,12 @@ class Alongside(Generic[T]):
         if self._child or not spare_processor():
             return
         receive, send = os.pipe()
-        with warnings.catch_warnings():
-            # The threads of this process draw its progress; the fork neither prints nor waits for them.
-            warnings.simplefilter("ignore", DeprecationWarning)
-            try:
-                child = os.fork()
-            except OSError:
-                os.close(receive)
-                os.close(send)
-                return
+        try:
+            child = fork()
+        except OSError:
+            os.close(receive)
+            os.close(send)
+            return
         if child == 0:
             self._send(receive, send)
         os.close(send)

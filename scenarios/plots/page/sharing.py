@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from ident.alongside import can_fork
+from ident.alongside import can_fork, fork
 
 _BYTES = 2  # of a number in the pipe, which a system reads as a whole
 _MOST = 65536 // _BYTES  # numbers that a pipe holds
@@ -60,7 +60,7 @@ def _helper(works: Sequence[Callable[[], None]], waiting: int) -> int | None:
     """The id of a fork that takes works too and then ends; None where the system has no room for another process."""
     with _undisturbed():  # an interrupt in between would let the fork go on as if it were this process
         try:
-            helper = os.fork()
+            helper = fork()
         except OSError:
             return None
         if helper == 0:
