@@ -163,9 +163,13 @@ def test_ctrl_c_ends_it_within_two_seconds_and_keeps_what_had_ended(whole: Table
         came.append(time.monotonic())
         os.kill(os.getpid(), signal.SIGINT)
 
-    timer = threading.Timer(2.5, stop)
-    timer.start()
-    table = run_study(Toy(stuck=(9, 21)), asked)
+    timer = threading.Timer(1.0, stop)
+
+    def tell(stage: str, share: float) -> None:
+        if share > 0.0 and timer.ident is None:  # processes start, on a busy machine, when they may
+            timer.start()
+
+    table = run_study(Toy(stuck=(9, 21)), asked, tell)
     assert time.monotonic() - came[0] < 2.0
     assert 0 < len(table) < COUNT and not table.whole and table.sound.all()
     assert same(run_study(Toy(), dataclasses.replace(asked, resume=True)), whole)
