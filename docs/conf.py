@@ -56,6 +56,7 @@ contents = {
         "reference",
         "results",
         "limits",
+        "platforms",
         "decisions/README",
         "made/labs/README",
         "made/changelog",

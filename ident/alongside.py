@@ -13,7 +13,41 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
+from sim.errors import FlightidError
+
 T = TypeVar("T")
+
+START_METHOD = "FLIGHTID_START_METHOD"  # environment: "fork" (as if unset) or "spawn"
+
+
+def can_fork() -> bool:
+    """Whether flightid may fork this process, the one question that every use of ``os.fork`` asks.
+
+    True on Linux. Windows has no ``os.fork``, and system libraries of macOS do not survive one. There, and where the
+    environment variable ``FLIGHTID_START_METHOD`` is ``spawn``, worker processes are started afresh, and what a fork would
+    compute in addition to this process is computed by this process. Results are the same bytes.
+
+    Raises
+    ------
+    FlightidError : the variable has another value, or asks for forks on a system without them.
+    """
+    able = sys.platform.startswith("linux") and hasattr(os, "fork")
+    wanted = os.environ.get(START_METHOD, "")
+    if wanted not in ("", "fork", "spawn"):
+        raise FlightidError(f"{wanted!r} is no start method", where=START_METHOD, remedy="set it to fork or spawn, or unset it")
+    if wanted == "fork" and not able:
+        raise FlightidError("this system cannot fork", where=START_METHOD, remedy="set it to spawn, or unset it")
+    return able and wanted != "spawn"
+
+
+def fork() -> int:
+    """``os.fork()``, which Python 3.12 and later warn of where the system sees other threads. Raises OSError.
+
+    Those draw the progress or wait inside a library; a fork of ours neither prints nor waits for them.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return os.fork()
 
 
 @dataclass(eq=False)
@@ -29,15 +63,12 @@ class Alongside(Generic[T]):
         if self._child or not spare_processor():
             return
         receive, send = os.pipe()
-        with warnings.catch_warnings():
-            # The threads of this process draw its progress; the fork neither prints nor waits for them.
-            warnings.simplefilter("ignore", DeprecationWarning)
-            try:
-                child = os.fork()
-            except OSError:
-                os.close(receive)
-                os.close(send)
-                return
+        try:
+            child = fork()
+        except OSError:
+            os.close(receive)
+            os.close(send)
+            return
         if child == 0:
             self._send(receive, send)
         os.close(send)
@@ -85,7 +116,7 @@ class Alongside(Generic[T]):
 
 
 def spare_processor() -> bool:
-    """Whether a fork has a processor to itself: on Linux, whose libraries bear a fork beside threads, and not in a worker of many."""
-    if not sys.platform.startswith("linux") or multiprocessing.parent_process() is not None:
+    """Whether a fork is possible and has a processor to itself: not on one core, and not in a worker of many."""
+    if not can_fork() or multiprocessing.parent_process() is not None:
         return False
     return len(os.sched_getaffinity(0)) > 1

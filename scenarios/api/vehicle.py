@@ -57,7 +57,7 @@ class Vehicle:
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write it as a vehicle file; returns the path."""
-        Path(path).write_text(self.to_toml(), encoding="utf-8")
+        Path(path).write_text(self.to_toml(), encoding="utf-8", newline="\n")
         return Path(path)
 
     def source_for(self, model: str) -> Source:

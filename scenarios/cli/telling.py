@@ -44,6 +44,9 @@ def telling(out: Path | None, figures: Formats, *, quiet: bool, as_json: bool, d
             raise KeyboardInterrupt from None  # what it says is kept is in a folder that is gone now
         texts = [(folder / name).read_text(encoding="utf-8") for name in documents]
     if as_json:
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            # JSON is UTF-8 wherever it goes; a pipe of Windows has another code page.
+            sys.stdout.reconfigure(encoding="utf-8", errors="backslashreplace")
         sys.stdout.write(texts[0] if len(texts) == 1 else "[\n" + ",\n".join(text.rstrip("\n") for text in texts) + "\n]\n")
         sys.stdout.flush()
         return

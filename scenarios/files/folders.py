@@ -9,12 +9,12 @@ import shutil
 import signal
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.writing import write_json
+from scenarios.files.writing import unportable, write_json
 from sim.errors import FlightidError
 
 MANIFEST = "files"
@@ -97,6 +97,7 @@ def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
         raise ValueError(f"the study did not write {main}")
     if not all((scratch / name).is_file() for name in written):
         raise ValueError("a study folder holds files only")
+    _refuse_unportable(written)
     for name in written:
         if (target / name).is_dir():
             raise FlightidError("a folder stands where a file has to go", where=str(target / name), remedy="move it away, or name another folder")
@@ -112,6 +113,15 @@ def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
                 if (target / old).is_file():
                     (target / old).unlink()
         _rename(scratch / name, target / name)
+
+
+def _refuse_unportable(names: Sequence[str]) -> None:
+    """Raise ValueError where a study's files cannot all have their names on every system; free names are refused when they are read."""
+    for name in names:
+        if why := unportable(name):
+            raise ValueError(f"the name of the file {name!r} {why}")
+    if len({name.lower() for name in names}) < len(names):
+        raise ValueError("two files of a study differ by upper and lower case alone")
 
 
 def _rename(source: Path, target: Path) -> None:

@@ -37,7 +37,7 @@ class OwnModel:
 
 def is_model_file(name: str | OwnModel) -> bool:
     """Whether ``--model`` names a user's file: one that ends in .py, or a path; a model in memory is as good."""
-    return isinstance(name, OwnModel) or name.endswith(SUFFIX) or "/" in name
+    return isinstance(name, OwnModel) or name.endswith(SUFFIX) or "/" in name or "\\" in name
 
 
 def is_own(model: Model) -> bool:

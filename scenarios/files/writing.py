@@ -7,7 +7,7 @@ import io
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -60,7 +60,7 @@ def write_responses(path: Path, record: Record, predicted: Mapping[str, np.ndarr
     writer.writerow(columns)
     rows = zip(*(np.asarray(column, dtype=float).tolist() for column in columns.values()), strict=True)
     writer.writerows([f"{value:.9g}" if math.isfinite(value) else "" for value in row] for row in rows)
-    path.write_text(text.getvalue(), encoding="utf-8")
+    path.write_text(text.getvalue(), encoding="utf-8", newline="\n")
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
@@ -91,6 +91,35 @@ def write_text(path: Path, text: str) -> None:
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
+
+
+_DEVICES = frozenset({"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10))})
+
+
+def unportable(name: str) -> str:
+    """Why a file or folder cannot have this name on every system, as the end of a sentence; empty where it can.
+
+    Windows refuses some characters, names of devices, and an end of a point or a space.
+    """
+    refused = next((letter for letter in name if letter in '<>:"/\\|?*' or ord(letter) < 32), "")
+    if refused:
+        return f"has the character {refused!r}, which Windows allows in no file name"
+    if name.split(".")[0].rstrip(" ").lower() in _DEVICES:
+        return "is the name of a device on Windows"
+    if not name or name[-1] in ". ":
+        return "ends with a point or a space, which Windows takes away" if name else "is empty"
+    return ""
+
+
+def file_stems(names: Sequence[str]) -> dict[str, str]:
+    """For each name a part of a file's name of letters, digits and ``_``; no two differ by upper and lower case alone."""
+    stems: dict[str, str] = {}
+    for name in dict.fromkeys(names):
+        stem = "".join(letter if letter.isalnum() else "_" for letter in name)
+        taken = {each.lower() for each in stems.values()}
+        tries = (stem if n == 1 else f"{stem}_{n}" for n in range(1, len(names) + 2))
+        stems[name] = next(each for each in tries if each.lower() not in taken)
+    return stems
 
 
 def _plain(value: Any, where: str, key: str) -> Any:

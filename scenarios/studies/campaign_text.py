@@ -81,8 +81,8 @@ def write_campaign(campaign: Campaign, judgement: Judgement, out: Path, *, figur
         sound = campaign.seeds[campaign.kept].tolist()
         for seed, value, std in zip(sound, campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
             writer.writerow([seed, *(repr(cell) for pair in zip(value, std, strict=True) for cell in pair)])
-        (scratch / "statistics.csv").write_text(statistics_csv(judgement.statistics), encoding="utf-8")
-        (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8")
+        (scratch / "statistics.csv").write_text(statistics_csv(judgement.statistics), encoding="utf-8", newline="\n")
+        (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8", newline="\n")
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.page.drawing import drawn_for_page

@@ -52,10 +52,10 @@ def write_study(study: Study, folder: str | Path, *, figures: Formats = USUAL) -
         write_json(scratch / "truth.json", truth_content(study.truth))
         determined = [method.determination for method in study.methods if method.determination is not None]
         if determined:
-            (scratch / "determination.csv").write_text(determination_csv(determined), encoding="utf-8")
+            (scratch / "determination.csv").write_text(determination_csv(determined), encoding="utf-8", newline="\n")
         if study.sweep is not None:
-            (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8")
-        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out, HERE)), encoding="utf-8")
+            (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8", newline="\n")
+        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out, HERE)), encoding="utf-8", newline="\n")
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.page.drawing import drawn_for_page
@@ -100,4 +100,4 @@ def write_history(path: Path, method: MethodResult) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
     writer.writerows([f"{value:.9g}" for value in row] for row in np.array(columns).T.tolist())
-    path.write_text(text.getvalue(), encoding="utf-8")
+    path.write_text(text.getvalue(), encoding="utf-8", newline="\n")

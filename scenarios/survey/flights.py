@@ -15,6 +15,7 @@ from scenarios.files.sources import InputFile, Source
 from scenarios.files.units import to_si
 from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
 from scenarios.files.versions import own_version
+from scenarios.files.writing import unportable
 from scenarios.preparation.plan import Plan, plan_of
 from scenarios.preparation.request import Request
 from scenarios.survey.vehicle_text import changed, toml_text
@@ -92,9 +93,12 @@ def read_flights(path: str | Path) -> Flights:
     if not found:
         raise DeclarationError("there is no flight", where=where, remedy='add [[flights]] tables, or records = "flights/*.csv"')
     names = [name for name, _ in found]
+    first: dict[str, str] = {}
     for name in names:
-        if names.count(name) > 1:
-            raise DeclarationError(f"two flights are called {name}", where=where, remedy="give each a name of its own")
+        other = first.setdefault(name.lower(), name)
+        if names.count(name) > 1 or other != name:
+            told = name if other == name else f"{other} and {name}, one folder where case does not count"
+            raise DeclarationError(f"two flights are called {told}", where=where, remedy="give each a name of its own")
     flights = tuple(_flight(name, each, entry, root, model, vehicle, where) for name, each in found)
     flights = _in_one_unit(flights, where)
     _refuse_unreadable(flights, str(root / entry.vehicle) if entry.vehicle is not None else "", toml_text(vehicle), where)
@@ -106,7 +110,7 @@ def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
     from scenarios.survey.schema import FlightEntry
 
     patterns = [entry.records] if isinstance(entry.records, str) else entry.records or []
-    told = {str(one) for each in entry.flights for one in (each.records or [str(each.record)])}
+    told = {Path(one) for each in entry.flights for one in (each.records or [str(each.record)])}
     out = []
     for pattern in patterns:
         matched = sorted(root.glob(pattern)) if any(mark in pattern for mark in "*?[") else [root / pattern]
@@ -114,7 +118,8 @@ def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
             raise DeclarationError(
                 f"no file matches {pattern!r}", where=f"{where}, key records", remedy="check the path; it is relative to this file"
             )
-        out += [FlightEntry.model_validate({"record": str(each.relative_to(root))}) for each in matched if str(each.relative_to(root)) not in told]
+        paths = [each.relative_to(root) for each in matched]
+        out += [FlightEntry.model_validate({"record": each.as_posix()}) for each in paths if each not in told]
     return out
 
 
@@ -127,7 +132,7 @@ def _name_of(entry: FlightEntry, root: Path, where: str, number: int) -> str:
         what = "names no record" if entry.record is None else "has record and records"
         raise DeclarationError(f"flight {entry.name or number} {what}", where=where, remedy='give it record = "FILE", or a list of records')
     name = entry.name or Path((entry.records or [str(entry.record)])[0]).stem
-    if not re.match(FOLDER_NAME, name):
+    if not re.fullmatch(FOLDER_NAME, name) or unportable(name):
         raise DeclarationError(f"{name!r} cannot be the name of a folder", where=f"{where}, flight {number}", remedy='give it a plain name = "..."')
     return name
 

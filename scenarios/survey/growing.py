@@ -6,12 +6,16 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from scenarios.plots.formats import Formats
 from scenarios.survey.flights import Flight, Flights
 from scenarios.survey.one_flight import Diagnoses, kept_of
 from scenarios.tasks.study import Asked, run_study
+
+if TYPE_CHECKING:
+    from scenarios.survey.pooled_fits import PooledFits
+    from scenarios.tasks.rows import Table
 
 MAIN = "survey.json"
 SCHEMA = "flightid/survey/1"
@@ -39,8 +43,10 @@ class Grown:
         return tuple(name for name in self.kept if name not in self.before) if self.before else ()
 
 
-def grown(asked: Flights, folder: Path, jobs: int = 1, figures: Formats = (), tell: Tell = lambda stage, share: None) -> Grown:
-    """Diagnose the flights whose results the folder lacks, and give all.
+def grown(
+    asked: Flights, folder: Path, jobs: int = 1, figures: Formats = (), tell: Tell = lambda stage, share: None, cluster: str | None = None
+) -> Grown:
+    """Diagnose the flights whose results the folder lacks, by processes or by the ``cluster`` at an address, and give all.
 
     Raises
     ------
@@ -52,7 +58,7 @@ def grown(asked: Flights, folder: Path, jobs: int = 1, figures: Formats = (), te
     if missing:
         work = Diagnoses(missing, folder, figures)
         try:
-            table = run_study(work, Asked(len(missing), 0, max(1, min(jobs, len(missing))), unit="flights"), tell)
+            table = flown(work, len(missing), jobs, folder, tell, cluster)
             ended = len(table)
         except KeyboardInterrupt:
             ended, table = 0, None
@@ -68,6 +74,16 @@ def grown(asked: Flights, folder: Path, jobs: int = 1, figures: Formats = (), te
     had = frozenset(str(name) for name in before.get("flights", {}))
     removed = tuple(sorted(had - set(found)))
     return Grown(kept, {f.name: replace(f) for f in asked.flights}, computed, failed, removed, had)
+
+
+def flown(work: Diagnoses | PooledFits, count: int, jobs: int, folder: Path, tell: Tell, cluster: str | None) -> Table:
+    """The rows of a survey's work of ``count`` flights, whose files are in ``folder`` then. Raises as ``run_study``."""
+    asked = Asked(count, 0, max(1, min(jobs, count)), cluster=cluster, unit="flights", elsewhere=folder)
+    if cluster is None:
+        return run_study(work, asked, tell)
+    from scenarios.survey.on_cluster import sent
+
+    return run_study(sent(work), asked, tell)
 
 
 def last_survey(folder: Path) -> Mapping[str, Any]:

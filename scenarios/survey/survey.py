@@ -14,10 +14,9 @@ from scenarios.survey.beside_own import recurring_beside_own
 from scenarios.survey.candidates import candidates, own_effects, starts_of
 from scenarios.survey.derivatives import Derivative, effects_over, estimates, over_flights
 from scenarios.survey.flights import Flights, read_flights
-from scenarios.survey.growing import Grown, Tell, grown
+from scenarios.survey.growing import Grown, Tell, flown, grown
 from scenarios.survey.pooled_fits import PooledFits
 from scenarios.survey.recurring import Recurring
-from scenarios.tasks.study import Asked, run_study
 
 FITTING = 0.75  # share of the work that is the diagnoses
 
@@ -61,8 +60,17 @@ class Survey:
         return dict(Counter(str(each["verdict"]) for each in self.grown.kept.values()).most_common())
 
 
-def survey_flights(path: str | Path, folder: Path, jobs: int = 1, figures: Formats = (), tell: Tell = lambda stage, share: None) -> Survey:
+def survey_flights(
+    path: str | Path,
+    folder: Path,
+    jobs: int = 1,
+    figures: Formats = (),
+    tell: Tell = lambda stage, share: None,
+    cluster: str | None = None,
+) -> Survey:
     """Survey the flights of a file into a folder, in which each flight's own results are kept.
+
+    ``jobs`` : processes of this machine. ``cluster`` : the address of a Dask scheduler, whose workers take their place.
 
     Raises
     ------
@@ -70,17 +78,17 @@ def survey_flights(path: str | Path, folder: Path, jobs: int = 1, figures: Forma
     """
     asked = read_flights(path)
     tell("reading", 0.0)
-    had = grown(asked, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share))
+    had = grown(asked, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share), cluster)
     names = candidates(had.kept)
     begun = FITTING if had.computed else 0.0  # so that the time that is left follows from the share
-    fits, refitted, unfitted = _fits(had, names, folder, jobs, lambda stage, share: tell(stage, begun + (0.95 - begun) * share))
-    flown = tuple(fits)
-    found, sets, taken_of = recurring_beside_own(names, flown, list(fits.values()), had.kept)
+    fits, refitted, unfitted = _fits(had, names, folder, jobs, lambda stage, share: tell(stage, begun + (0.95 - begun) * share), cluster)
+    fitted = tuple(fits)
+    found, sets, taken_of = recurring_beside_own(names, fitted, list(fits.values()), had.kept)
     conditions, condition_units = conditions_of(had)
-    told = estimates(flown, taken_of, found, sets)
+    told = estimates(fitted, taken_of, found, sets)
     units = {name: unit for each in fits.values() for name, unit in each["units"].items()}
     taken = {each.name for each in found} | {rival for each in found for rival in each.rivals}
-    left = {name for name, each in zip(flown, taken_of, strict=True) if each["sets"] is each.get("sets_without")}
+    left = {name for name, each in zip(fitted, taken_of, strict=True) if each["sets"] is each.get("sets_without")}
     alone: dict[str, list[str]] = {}
     needless: dict[str, list[str]] = {}
     for name, flight in had.kept.items():
@@ -88,14 +96,16 @@ def survey_flights(path: str | Path, folder: Path, jobs: int = 1, figures: Forma
             if each["claimed"] and each["name"] not in taken:
                 gone = name in left and each["name"] in fits[name]["own"]
                 (needless if gone else alone).setdefault(each["name"], []).append(name)
-    derivatives = over_flights(flown, told, conditions, units)
+    derivatives = over_flights(fitted, told, conditions, units)
     changes = effects_over(found, conditions)
     tell("pooled", 0.96)
     single, gone_of = ({name: tuple(here) for name, here in sorted(each.items())} for each in (alone, needless))
     return Survey(asked, had, tuple(found), names, single, gone_of, tuple(derivatives), conditions, condition_units, changes, refitted, unfitted)
 
 
-def _fits(had: Grown, names: tuple[str, ...], folder: Path, jobs: int, tell: Tell) -> tuple[dict[str, Mapping[str, Any]], int, dict[str, str]]:
+def _fits(
+    had: Grown, names: tuple[str, ...], folder: Path, jobs: int, tell: Tell, cluster: str | None
+) -> tuple[dict[str, Mapping[str, Any]], int, dict[str, str]]:
     """The fits of each flight with every set of what may recur, how many flights were fitted for that now, and which could not be."""
     flights = [had.flights[name] for name in had.kept]
     whole = PooledFits(tuple(flights), names, starts_of(had.kept, names), tuple(own_effects(each, names) for each in had.kept.values()), folder)
@@ -104,7 +114,7 @@ def _fits(had: Grown, names: tuple[str, ...], folder: Path, jobs: int, tell: Tel
     if missing:
         work = PooledFits(tuple(flights[n] for n in missing), names, whole.starts, tuple(whole.own[n] for n in missing), folder)
         try:
-            table = run_study(work, Asked(len(missing), 0, max(1, min(jobs, len(missing))), unit="flights"), tell)
+            table = flown(work, len(missing), jobs, folder, tell, cluster)
         except KeyboardInterrupt:
             table = None
         if table is None or not table.whole:

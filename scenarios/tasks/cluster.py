@@ -125,6 +125,9 @@ def _streamed(
 
 def _ended(block: Sequence[Task], future: Future, result: Any, address: str) -> list[Ended]:
     """What came of a block; Dask's own failures are recorded as circumstances."""
+    if isinstance(result, tuple):
+        what, remedy = result
+        raise FlightidError(what, where=address, remedy=remedy)
     if isinstance(result, str):
         there = ", ".join(f"{name} {number}" for name, number in versions().items())
         raise FlightidError(result, where=address, remedy=f"have the same on every worker as here: {there}")

@@ -24,8 +24,10 @@ _idle: list[_Lane] = []
 _works: dict[str, Work] = {}  # the one that was sent last, by its token
 
 
-def run_sent(content: bytes, token: str, block: Sequence[tuple[int, int]], longest: float | None, asked: Mapping[str, str]) -> list[Ended] | str:
-    """A block ``(number, seed)`` of the pickled work ``content``; or, in words, why this worker cannot run it.
+def run_sent(
+    content: bytes, token: str, block: Sequence[tuple[int, int]], longest: float | None, asked: Mapping[str, str]
+) -> list[Ended] | str | tuple[str, str]:
+    """A block ``(number, seed)`` of the pickled work ``content``; or, in words, why this worker cannot run it, with the remedy if it is known.
 
     A block that ends its process, or takes longer than ``longest`` s, leaves the worker alive, and threads of one worker do not share
     an interpreter: in a worker with four, four processes work.
@@ -36,6 +38,8 @@ def run_sent(content: bytes, token: str, block: Sequence[tuple[int, int]], longe
         lane = _lane(content, token, longest)
     except Exception as error:
         return f"the worker on {socket.gethostname()} cannot load what is to be done ({' '.join(f'{type(error).__name__}: {error}'.split())})"
+    if isinstance(lane, tuple):
+        return lane
     ended = lane.run([Task(number, seed) for number, seed in block])
     with _lock:
         lane.since = time.monotonic()
@@ -77,7 +81,7 @@ class _Lane:
         self._ended.close()
 
 
-def _lane(content: bytes, token: str, longest: float | None) -> _Lane:
+def _lane(content: bytes, token: str, longest: float | None) -> _Lane | tuple[str, str]:
     # Nannies start their workers as daemons, which may have no children; ours end with them.
     vars(multiprocessing.current_process())["_config"]["daemon"] = False
     with _lock:
@@ -90,7 +94,8 @@ def _lane(content: bytes, token: str, longest: float | None) -> _Lane:
             work = pickle.loads(content)
             _works.clear()
             _works[token] = work
-    return _Lane(work, token, longest)
+    unready: tuple[str, str] | None = getattr(work, "unready", lambda: None)()
+    return unready or _Lane(work, token, longest)
 
 
 def _sweep_later() -> None:

@@ -54,7 +54,9 @@ def write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
 
 
 def flush_folder(folder: Path) -> None:
-    """Names of files down to the disk, which a power cut else may take."""
+    """Names of files down to the disk, which a power cut else may take. Windows opens no folder, and keeps a journal of names."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -9,19 +9,22 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, TimeoutError, wait
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import forkserver
-from multiprocessing.context import ForkServerContext, ForkServerProcess
+from multiprocessing.context import BaseContext, SpawnContext, SpawnProcess
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pebble import ProcessExpired, ProcessPool
 from threadpoolctl import threadpool_limits
 
+from ident.alongside import can_fork
 from scenarios.tasks.running import failed_by_circumstance, run_block
 from scenarios.tasks.work import Ended, Task, Work
 from sim.errors import FlightidError
+
+if sys.platform != "win32":
+    from multiprocessing.context import ForkServerContext, ForkServerProcess
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
@@ -33,30 +36,45 @@ _PARENT_DIES = 1  # PR_SET_PDEATHSIG of Linux
 _STARTING = threading.Lock()  # a pool starts the successor of a dead process from a thread of its own
 
 
-class _Process(ForkServerProcess):
-    """A process that does not import the caller's own script again, which need not be guarded against that."""
+class _Spawned(SpawnProcess):
+    """A process started afresh, which imports the work's module by itself; the way where nothing can fork."""
 
     @staticmethod
     def _Popen(process_obj: BaseProcess) -> Any:
-        with _STARTING:
-            return _Process._started(process_obj)
+        with _held_back():
+            return _started(SpawnProcess._Popen, process_obj)
 
-    @staticmethod
-    def _started(process_obj: BaseProcess) -> Any:
+
+class _Spawning(SpawnContext):
+    Process = _Spawned
+
+
+if sys.platform != "win32":
+
+    class _Forked(ForkServerProcess):
+        """A process forked from the server."""
+
+        @staticmethod
+        def _Popen(process_obj: BaseProcess) -> Any:
+            return _started(ForkServerProcess._Popen, process_obj)
+
+    class _Forking(ForkServerContext):
+        Process = _Forked
+
+
+def _started(start: Callable[[BaseProcess], Any], process_obj: BaseProcess) -> Any:
+    """Start a process that does not import the caller's own script again, which need not be guarded against that."""
+    with _STARTING:
         main = sys.modules["__main__"]
         hidden = {name: getattr(main, name) for name in ("__spec__", "__file__") if hasattr(main, name)}
         try:
             main.__spec__ = None
             with contextlib.suppress(AttributeError):
                 del main.__file__
-            return ForkServerProcess._Popen(process_obj)
+            return start(process_obj)
         finally:
             for name, value in hidden.items():
                 setattr(main, name, value)
-
-
-class _Context(ForkServerContext):
-    Process = _Process
 
 
 def run_in_processes(work: Work, blocks: Sequence[Sequence[Task]], jobs: int, longest: float | None = None) -> Generator[list[Ended], None, None]:
@@ -64,14 +82,14 @@ def run_in_processes(work: Work, blocks: Sequence[Sequence[Task]], jobs: int, lo
 
     A process that dies takes no study with it: its block is given to another, once.
     """
-    _start_server(type(work).__module__)
+    context = _context(type(work).__module__)
     pools: list[ProcessPool] = []
     idle: list[ProcessPool] = []
     waiting: dict[Future[list[Ended]], _Given] = {}
 
     def another() -> ProcessPool:
         # One process each: those of one pool share a pipe and its locks, and one that dies at the wrong moment stops the others.
-        pools.append(ProcessPool(max_workers=1, initializer=_begin, initargs=(work,), context=_Context()))
+        pools.append(ProcessPool(max_workers=1, initializer=_begin, initargs=(work,), context=context))
         return pools[-1]
 
     def give(at: int, life: int) -> None:
@@ -142,19 +160,25 @@ def _end(pools: list[ProcessPool], *ending: ProcessPool) -> None:
         pools.remove(pool)
 
 
-def _start_server(module: str) -> None:
-    """The process that others are forked from: it has loaded what the work needs, runs no threads, and is deaf to Ctrl-C as they are.
+def _context(module: str) -> BaseContext:
+    """How processes are started: forked from a server that has loaded ``module``, or afresh where nothing can fork.
 
-    A terminal sends Ctrl-C to all processes, and the first alone answers it.
+    The server runs no threads, and is deaf to Ctrl-C as they are: a terminal sends it to all processes, and the first alone answers it.
     """
+    if sys.platform == "win32" or not can_fork():
+        return _Spawning()
+    from multiprocessing import forkserver
+
     multiprocessing.get_context("forkserver").set_forkserver_preload(["numpy", module])
     with _held_back():
         forkserver.ensure_running()
+    return _Forking()
 
 
 @contextlib.contextmanager
 def _held_back() -> Iterator[None]:
-    if threading.current_thread() is not threading.main_thread():
+    """Ctrl-C waits until the body is left, and what is started there never gets it. Windows has no such mask."""
+    if sys.platform == "win32":
         yield
         return
     former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -171,8 +195,9 @@ def _begin(work: Work) -> None:
     global _given
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # at once, also out of a long call of native code
-    with contextlib.suppress(OSError, AttributeError):  # elsewhere than on Linux, a worker ends after its block
-        ctypes.CDLL(None).prctl(_PARENT_DIES, signal.SIGKILL)
+    if sys.platform.startswith("linux"):  # elsewhere a worker ends after its block
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(_PARENT_DIES, signal.SIGKILL)
     threadpool_limits(1)  # of what is loaded; what is loaded later reads the environment
     os.environ.update(dict.fromkeys(THREADS, "1"))
     _given = work

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import io
 import os
 import time
@@ -30,13 +29,25 @@ LOCK = ".lock"
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """One process a folder; the lock ends with its process, however that ends. Raises FlightidError where another has it."""
-    with open(folder / LOCK, "a") as handle:
+    with open(folder / LOCK, "ab") as handle:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(handle.fileno())
         except OSError:
             remedy = "wait for it, or name another folder"
             raise FlightidError("another process is writing here", where=str(folder), remedy=remedy) from None
         yield
+
+
+def _lock(descriptor: int) -> None:
+    """Lock an open file for this process until it is closed. Raises OSError where another process has locked it."""
+    try:
+        import fcntl
+    except ImportError:  # Windows, whose lock is of a range of bytes, here the first
+        import msvcrt
+
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+        return
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 class Shards:
@@ -101,7 +112,7 @@ class Shards:
                 if table.schema != self._schema():
                     raise ValueError("it has other columns")
             except (OSError, ValueError, pa.ArrowException) as error:
-                path.rename(path.with_suffix(".damaged"))
+                path.replace(path.with_suffix(".damaged"))
                 self.damaged.append(f"{path.name} ({' '.join(str(error).split())[:120]})")
                 continue
             found.append((path, {name: _read(table.column(name), kind) for name, kind in all_columns(self.work).items()}))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from scenarios.tasks.rows import Columns, Table, all_columns, columns_of, in_order, joined, table_of
 from scenarios.tasks.sharing import run_blocks
-from scenarios.tasks.work import Ended, Task, Work, seed_of
+from scenarios.tasks.work import Ended, Row, Task, Work, seed_of
 from sim.errors import FlightidError
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ class Asked:
 
     ``jobs`` : processes. ``folder`` : where rows are kept as they come (None: in memory alone). ``resume`` : go on with what that
     folder holds. ``cluster`` : the address of a Dask scheduler. ``longest`` : s that a block of tasks may take. ``unit`` : what a task is
-    called, in the plural.
+    called, in the plural. ``elsewhere`` : where the work itself keeps what has ended, so that nothing of it is lost.
     """
 
     count: int
@@ -39,6 +39,7 @@ class Asked:
     cluster: str | None = None
     longest: float | None = None
     unit: str = "runs"
+    elsewhere: Path | None = None
 
 
 class Blocks(Sequence[Sequence[Task]]):
@@ -96,6 +97,7 @@ def run_study(work: Work, asked: Asked, tell: Tell = lambda stage, share: None) 
             except (FlightidError, KeyboardInterrupt) as error:
                 kept = len(shards.read(asked.count)["number"])
                 if not kept and not asked.resume:
+                    stack.close()  # the lock's file is closed first: Windows removes no open file
                     _take_away(folder, made)
                 raise _cut_short(error, kept, asked) if isinstance(error, FlightidError) else error from None
             columns = shards.read(asked.count)
@@ -121,7 +123,7 @@ def _run(work: Work, asked: Asked, numbers: np.ndarray, keep: Callable[[list[End
     found = _by_cluster(work, blocks, asked, say) if asked.cluster else _here(work, blocks, asked)
     try:
         for ended in found:
-            keep(ended)
+            keep([_taken(work, each) for each in ended])
             done += len(ended)
             tell(_stage(before + done, asked, done / max(time.monotonic() - since, 1e-9)), done / len(numbers))
     except KeyboardInterrupt:
@@ -129,6 +131,12 @@ def _run(work: Work, asked: Asked, numbers: np.ndarray, keep: Callable[[list[End
             raise KeyboardInterrupt(f"none of {asked.count} {asked.unit} had ended") from None
     finally:
         found.close()
+
+
+def _taken(work: Work, ended: Ended) -> Ended:
+    """What is kept of a task that has ended."""
+    take: Callable[[Row], Row] | None = getattr(work, "taken", None)
+    return ended if take is None or ended.row is None else replace(ended, row=take(ended.row))
 
 
 def _here(work: Work, blocks: Blocks, asked: Asked) -> Generator[list[Ended], None, None]:
@@ -146,6 +154,10 @@ def _cut_short(error: FlightidError, ended: int, asked: Asked) -> FlightidError:
     """What went wrong around the tasks, with what of them is kept."""
     if not ended:
         return error
+    if asked.elsewhere is not None:
+        remedy = f"{error.remedy}, then give the same command again" if error.remedy else "give the same command again"
+        what = f"{error.what}; {ended} of {asked.count} {asked.unit} are kept in {asked.elsewhere}"
+        return FlightidError(what, where=error.where, remedy=remedy)
     if asked.folder is None:
         what = f"{error.what}; the {ended} of {asked.count} {asked.unit} that had ended are lost, since no --out was given"
         return FlightidError(what, where=error.where, remedy=error.remedy)

@@ -43,6 +43,8 @@ class Work(Protocol):
     that no other run has to equal; a cell may be None.
     ``block`` : how many neighbouring tasks are computed at once, as one batch; blocks begin at multiples of it, so that no task's row
     depends on how many are asked for, or on who works. Work may have ``quick`` True: a block takes less time than starting a process.
+    It may have ``taken(row)``, which the process that asked calls with each row as it comes: it gives the row that is kept; and
+    ``unready()``, which a worker of a cluster calls first: why it cannot do the work and the remedy, or None.
     """
 
     @property

@@ -151,7 +151,7 @@ def traced(declared: Model, true: Model, setting: Setting, rng: np.random.Genera
         lines = [f"{key} = {declared.parameters[key].value!r}" for key in RIGID_CONSTANTS]
         lines += ["[derivatives]", *(f"{key} = {declared.parameters[key].value * rng.uniform(0.7, 1.3)!r}" for key in USUAL)]
         vehicle = folder / "vehicle.toml"
-        vehicle.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        vehicle.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
         started = process_time()
         tracing = diagnose_files(Request((folder / "train.csv",), "rigid", vehicle, (folder / "validate.csv",)))
         return tracing.diagnosis, process_time() - started

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-import select
+import queue
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from sim.errors import RecordError
 
 TICK = 0.1  # s between two looks at a source that has nothing new
 LARGEST_PIECE = 1 << 16
+AHEAD = 16  # pieces of standard input that wait to be taken
 LONGEST_LINE = 1 << 20
 _NOT_LINES = (".gz", ".parquet", ".pq", ".mat")
 
@@ -90,11 +92,35 @@ def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
 
 
 def standard_input(descriptor: int = 0) -> Read:
-    """A source that reads what is piped in; it ends where the pipe does."""
+    """A source that reads what is piped in; it ends where the pipe does.
+
+    A thread waits for the pipe, since Windows waits for sockets alone. It reads a few pieces ahead, no more.
+    """
+    pieces: queue.Queue[bytes | OSError] = queue.Queue(AHEAD)
+    ended = False
+
+    def wait() -> None:
+        piece: bytes | OSError = b" "
+        while piece and not isinstance(piece, OSError):
+            try:
+                piece = os.read(descriptor, LARGEST_PIECE)
+            except OSError as error:
+                piece = error
+            pieces.put(piece)
+
+    threading.Thread(target=wait, daemon=True, name="standard input").start()
 
     def read() -> bytes | None:
-        if not select.select([descriptor], [], [], TICK)[0]:
+        nonlocal ended
+        if ended:
+            return None
+        try:
+            piece = pieces.get(timeout=TICK)
+        except queue.Empty:
             return b""
-        return os.read(descriptor, LARGEST_PIECE) or None
+        if isinstance(piece, OSError):
+            raise RecordError(f"cannot be read ({piece.strerror})", where="standard input", remedy="check what is piped in")
+        ended = not piece
+        return piece or None
 
     return read

@@ -72,7 +72,7 @@ def write_watch(out: Path, session: Session, reference: Reference | None, end: O
     """Write the study; the history that grew until now becomes one of its files."""
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, end.record)
-        (scratch / NAME).write_text(history.finish(), encoding="ascii")
+        (scratch / NAME).write_text(history.finish(), encoding="ascii", newline="\n")
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = watch_content(session, reference, end)
         write_page(scratch, watch_page(content, name, digest))

@@ -36,7 +36,7 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.result.flown.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
-        (scratch / "study.txt").write_text(as_text(lambda out: print_loop(study, out, HERE)), encoding="utf-8")
+        (scratch / "study.txt").write_text(as_text(lambda out: print_loop(study, out, HERE)), encoding="utf-8", newline="\n")
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
         drawn: tuple[Drawn, ...] = ()
@@ -99,4 +99,4 @@ def _write_columns(path: Path, columns: dict[str, np.ndarray]) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows([f"{value:.9g}" for value in row] for row in np.array(list(columns.values())).T.tolist())
-    path.write_text(text.getvalue(), encoding="utf-8")
+    path.write_text(text.getvalue(), encoding="utf-8", newline="\n")

@@ -85,7 +85,7 @@ def _identified(flown: Flown) -> Identification:
     with tempfile.TemporaryDirectory(prefix="flightid-") as scratch:
         folder = Path(scratch)
         write_record(folder, flown.record, "flight")
-        (folder / "augmented.toml").write_text(vehicle_text(flown), encoding="utf-8")
+        (folder / "augmented.toml").write_text(vehicle_text(flown), encoding="utf-8", newline="\n")
         request = Request((folder / "flight.csv",), "loes", folder / "augmented.toml")
         vehicle = read_vehicle(request.vehicle, request.model)
         ready = prepare(read_record_files(request.records), model_of_file(vehicle), request.plan, column_choices(request), flow=True)

@@ -92,9 +92,9 @@ def kept(records: Sequence[tuple[str, bytes]], vehicle: str, channels: str = "")
     home = folder.path
     for name, (_, content) in zip(names, records, strict=True):
         (home / name).write_bytes(content)
-    (home / "vehicle.toml").write_text(vehicle, encoding="utf-8")
+    (home / "vehicle.toml").write_text(vehicle, encoding="utf-8", newline="\n")
     if channels.strip():
-        (home / "map.toml").write_text(channels, encoding="utf-8")
+        (home / "map.toml").write_text(channels, encoding="utf-8", newline="\n")
     return Kept(folder, tuple(home / name for name in names), home / "vehicle.toml", home / "map.toml" if channels.strip() else None)
 
 

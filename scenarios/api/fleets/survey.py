@@ -113,6 +113,7 @@ def survey(
     jobs: int | None = None,
     figures: bool | str | Sequence[str] = False,
     progress: Progress | None = None,
+    cluster: str | None = None,
 ) -> Survey:
     """Many flights of one aircraft, each diagnosed, then what recurs: ``flightid survey`` in Python.
 
@@ -121,11 +122,12 @@ def survey(
     flights : the file that names model, vehicle and records. folder : where each flight's results are kept, so that the next survey computes
         only what is new; None takes a new one for temporary files. jobs : processes, all cores when left out.
     figures : of the flights' own pages. progress : told the stage and the share done, 0 to 1.
+    cluster : the address of a Dask scheduler, whose workers take the place of processes.
 
     Raises
     ------
     InputError : anything wrong in the file, in one line. A flight that cannot be used is told in ``failed``.
     """
     kept = Path(folder) if folder is not None else Path(mkdtemp(prefix="flightid-survey-"))
-    found = surveying.survey_flights(Path(flights), kept, jobs or available_cores(), formats_wanted(figures), progress or untold)
+    found = surveying.survey_flights(Path(flights), kept, jobs or available_cores(), formats_wanted(figures), progress or untold, cluster)
     return Survey(found, kept)

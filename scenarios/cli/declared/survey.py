@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import AsJson, Figures, NoFigures, Out, Quiet
+from scenarios.cli.options import AsJson, Cluster, Figures, NoFigures, Out, Quiet
 from scenarios.plots.formats import formats_of
 from sim.errors import DeclarationError
 
@@ -19,6 +19,7 @@ def survey(
     example: Annotated[bool, typer.Option("--example", help="Print such a file, to copy and edit.")] = False,
     out: Out = None,
     jobs: Annotated[int | None, typer.Option("--jobs", min=1, metavar="N", help="Processes; all cores when left out.")] = None,
+    cluster: Cluster = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
     quiet: Quiet = False,
@@ -36,4 +37,4 @@ def survey(
     from scenarios.commands.fleets.survey import survey_records
 
     with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["survey.json"]) as told:
-        survey_records(flights, told.out, jobs, told.figures, progress=told.progress)
+        survey_records(flights, told.out, jobs, told.figures, progress=told.progress, cluster=cluster)

@@ -9,8 +9,8 @@ from scenarios.plots.formats import Formats
 from scenarios.terminal.progress import progress_bar
 
 
-def survey_records(file: Path, out: Path | None, jobs: int | None, figures: Formats, *, progress: bool = True) -> None:
-    """Read, diagnose what is new, pool, write, print; ``progress`` False: nothing is shown of how far it is."""
+def survey_records(file: Path, out: Path | None, jobs: int | None, figures: Formats, *, progress: bool = True, cluster: str | None = None) -> None:
+    """Read, diagnose what is new, pool, write, print; ``progress`` False: nothing is shown of how far it is. ``cluster`` : a Dask address."""
     from scenarios.survey.report.text import survey_text
     from scenarios.survey.survey import survey_flights
     from scenarios.tasks.sharing import available_cores
@@ -21,7 +21,7 @@ def survey_records(file: Path, out: Path | None, jobs: int | None, figures: Form
         folder = out if out is not None else Path(passing) / "survey"
         with progress_bar(progress) as tell:
             try:
-                found = survey_flights(file, folder, jobs or available_cores(), figures if out is not None else (), tell)
+                found = survey_flights(file, folder, jobs or available_cores(), figures if out is not None else (), tell, cluster)
             except KeyboardInterrupt as stopped:
                 if out is not None:
                     raise

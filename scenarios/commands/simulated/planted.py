@@ -47,6 +47,6 @@ def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> l
         *write_record(out.parent, flown.validate, f"{out.stem}_validate", simulated=True),
     ]
     vehicle = out.parent / f"{out.stem}_vehicle.toml"
-    vehicle.write_text(flown.vehicle_file, encoding="utf-8")
+    vehicle.write_text(flown.vehicle_file, encoding="utf-8", newline="\n")
     print(f"{out.name}; for --validate: {out.stem}_validate.csv; for --vehicle: {vehicle.name}")
     return [*written, vehicle]

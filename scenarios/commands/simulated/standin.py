@@ -25,6 +25,6 @@ def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[s
     names = [f"{out.stem}_{number}" for number in range(1, len(flight.records) + 1)]
     written = [path for stem, record in zip(names, flight.records, strict=True) for path in write_record(out.parent, record, stem, simulated=True)]
     vehicle = out.parent / f"{out.stem}_vehicle.toml"
-    vehicle.write_text(vehicle_text(flight.drawn), encoding="utf-8")
+    vehicle.write_text(vehicle_text(flight.drawn), encoding="utf-8", newline="\n")
     print(f"{len(names)} records of one flight: {names[0]}.csv to {names[-1]}.csv; for --vehicle: {vehicle.name}")
     return [*written, vehicle]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+
+from ident.alongside import can_fork, fork
 
 _BYTES = 2  # of a number in the pipe, which a system reads as a whole
 _MOST = 65536 // _BYTES  # numbers that a pipe holds
@@ -59,7 +60,7 @@ def _helper(works: Sequence[Callable[[], None]], waiting: int) -> int | None:
     """The id of a fork that takes works too and then ends; None where the system has no room for another process."""
     with _undisturbed():  # an interrupt in between would let the fork go on as if it were this process
         try:
-            helper = os.fork()
+            helper = fork()
         except OSError:
             return None
         if helper == 0:
@@ -92,5 +93,5 @@ def _undisturbed() -> Iterator[None]:
 
 
 def _may_fork() -> bool:
-    """Whether a fork is safe: this thread is the only one, and no system library of the platform forbids it."""
-    return hasattr(os, "fork") and sys.platform != "darwin" and threading.active_count() == 1
+    """Whether a fork is safe: the system allows it, and this thread is the only one."""
+    return can_fork() and threading.active_count() == 1

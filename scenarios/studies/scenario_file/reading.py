@@ -10,6 +10,7 @@ from typing import Any
 from ident.flying_qualities.mode_levels import flown_as
 from scenarios.files.declarations import checked
 from scenarios.files.own_models import OwnModel, is_of_aircraft
+from scenarios.files.writing import unportable
 from scenarios.studies.declaration import Estimation, Flight, Mark, PublishedChoice, Scenario, Start, SweepPlan
 from scenarios.studies.scenario_file.choices import choices_of
 from scenarios.studies.scenario_file.flight import flight_of, other_flight_of, repeated_of
@@ -42,7 +43,10 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
             if isinstance(change.get(table), dict) and isinstance(base.get(table), dict):
                 merged[table] = {**base[table], **change[table]}
         method, place = checked(MethodTable, merged, where, f"methods[{number}]"), f"{where}, key methods[{number}]"
-        if method.name in [done.name for done in mains]:
+        if why := unportable(method.name):
+            remedy = "its files have it in their names: give it another one"
+            raise DeclarationError(f"the name {method.name!r} {why}", where=f"{place}.name", remedy=remedy)
+        if method.name.lower() in [done.name.lower() for done in mains]:
             raise DeclarationError(f"the name {method.name!r} is taken", where=f"{place}.name", remedy="give each method a name of its own")
         own_flight = other_flight_of(content.flight, method.flight, method.model, where, f"methods[{number}].flight", files)
         if method.distance and own_flight is None:

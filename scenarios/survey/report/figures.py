@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from scenarios.files.writing import file_stems
 from scenarios.plots.files import Named
 from scenarios.plots.studies.fleet import Line, OverCondition, Shared, figure_effects, figure_over_condition, figure_shared
 from scenarios.survey.derivatives import Derivative
@@ -36,10 +37,10 @@ def survey_figures(survey: Survey) -> Iterator[Named]:
         rows.append(Shared(f"{each.name} {local}", own, where, each.values[here, 0], each.sigmas[here, 0], has, float(each.found.value[0]), sigma))
     if rows:
         yield "shared", partial(figure_shared, rows, condition, unit, f"{title}: each flight by itself, and the common value")
+    stems = file_stems(list(survey.conditions))
     for name in dict.fromkeys(_condition(each, condition) for each in survey.derivatives):
         mine = [_drawn(each, survey, name) for each in survey.derivatives if _condition(each, condition) == name]
-        stem = "over_" + "".join(letter if letter.isalnum() else "_" for letter in name)
-        yield stem, partial(figure_over_condition, mine, name, survey.condition_units[name], f"{title}: derivatives over {name}")
+        yield f"over_{stems[name]}", partial(figure_over_condition, mine, name, survey.condition_units[name], f"{title}: derivatives over {name}")
 
 
 def _condition(each: Derivative, usual: str) -> str:

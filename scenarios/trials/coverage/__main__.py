@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 print(f"{name}, {method}", file=sys.stderr, flush=True)
                 found[name, method] = measured(name, method, RUNS[name, method], asked.jobs)
                 _keep(numbers, found)
-        asked.page.write_text(page_of(_ordered(found)), encoding="utf-8")
+        asked.page.write_text(page_of(_ordered(found)), encoding="utf-8", newline="\n")
     except (FlightidError, OSError, ValueError, KeyError) as error:
         print(f"python -m scenarios.trials.coverage: {error}", file=sys.stderr)
         return 2
@@ -48,7 +48,7 @@ def _kept(numbers: Path) -> dict[tuple[str, str], dict[str, Any]]:
 
 
 def _keep(numbers: Path, found: dict[tuple[str, str], dict[str, Any]]) -> None:
-    numbers.write_text(json.dumps({"schema": "flightid/coverage/1", "campaigns": _ordered(found)}, indent=1) + "\n", encoding="utf-8")
+    numbers.write_text(json.dumps({"schema": "flightid/coverage/1", "campaigns": _ordered(found)}, indent=1) + "\n", encoding="utf-8", newline="\n")
 
 
 def _ordered(found: dict[tuple[str, str], dict[str, Any]]) -> list[dict[str, Any]]:

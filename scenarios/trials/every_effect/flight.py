@@ -93,5 +93,5 @@ def write_planted(flown: Flown, folder: Path) -> Request:
     train, _ = write_record(folder, flown.train, "train", simulated=True)
     validate, _ = write_record(folder, flown.validate, "validate", simulated=True)
     vehicle = folder / "vehicle.toml"
-    vehicle.write_text(flown.carrier.vehicle_file, encoding="utf-8")
+    vehicle.write_text(flown.carrier.vehicle_file, encoding="utf-8", newline="\n")
     return Request((train,), flown.carrier.model, vehicle, (validate,))

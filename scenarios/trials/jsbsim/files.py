@@ -30,7 +30,7 @@ def write_jsbsim(flight: JsbsimFlight, seed: int, record: Record, truth: JsbsimT
     for model, constants in truth.constants.items():
         vehicles[model] = folder / f"{stem}_{model}.toml"
         text = vehicle_text(flight, constants, truth.about_trim[model], rng)
-        vehicles[model].write_text(text, encoding="utf-8")
+        vehicles[model].write_text(text, encoding="utf-8", newline="\n")
     path = folder / f"{stem}_truth.json"
     write_json(path, truth_content(flight, seed, truth))
     return vehicles, path

@@ -118,7 +118,7 @@ def _flown_and_written(paper: Paper, model: Model, flights: tuple[Flight, Flight
     for stem, record in zip(("train", "validate"), records, strict=True):
         write_record(folder, record, stem)
     vehicle = folder / "vehicle.toml"
-    vehicle.write_text(vehicle_file(model, rng), encoding="utf-8")
+    vehicle.write_text(vehicle_file(model, rng), encoding="utf-8", newline="\n")
     return Written(paper, model, first, Request((folder / "train.csv",), paper.model, vehicle, (folder / "validate.csv",)))
 
 

@@ -82,7 +82,7 @@ def write_trace_campaign(
         for flight in judged:
             lists = (flight.claimed, [name for name, _ in flight.named], [name for name, hit in flight.named if hit], flight.false)
             writer.writerow([flight.seed, flight.verdict, flight.grade.name.lower(), *(" + ".join(names) for names in lists)])
-        (scratch / "flights.csv").write_text(text.getvalue(), encoding="utf-8")
+        (scratch / "flights.csv").write_text(text.getvalue(), encoding="utf-8", newline="\n")
         shares = {**{f"verdict.{name}": share for name, share in verdict_shares(judged).items()}, **trace_shares(judged)}
         content = {
             "schema": "flightid/campaign/1",

@@ -191,5 +191,5 @@ def write_flown(flown: FlownTrace, folder: Path) -> tuple[Path, Path, Path]:
     train, _ = write_record(folder, flown.train, "train", simulated=True)
     validate, _ = write_record(folder, flown.validate, "validate", simulated=True)
     vehicle = folder / "vehicle.toml"
-    vehicle.write_text(flown.vehicle_file, encoding="utf-8")
+    vehicle.write_text(flown.vehicle_file, encoding="utf-8", newline="\n")
     return train, validate, vehicle

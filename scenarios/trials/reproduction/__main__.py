@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if asked.kept:
             text, _ = written(from_file(asked.page.with_suffix(".json")))
-            asked.page.write_text(text, encoding="utf-8")
+            asked.page.write_text(text, encoding="utf-8", newline="\n")
         elif asked.studies is not None:
             make(asked.page, asked.studies, asked.jobs)
         else:
@@ -49,8 +49,8 @@ def make(page: Path, folder: Path, jobs: int = 1) -> None:
     for done, name in enumerate(run_all(folder, names, jobs), start=1):
         print(f"{done} of {len(names)}: {name}", file=sys.stderr, flush=True)
     text, kept = written(from_studies(lambda scenario: folder / scenario))
-    page.with_suffix(".json").write_text(kept_text(kept), encoding="utf-8")
-    page.write_text(text, encoding="utf-8")
+    page.with_suffix(".json").write_text(kept_text(kept), encoding="utf-8", newline="\n")
+    page.write_text(text, encoding="utf-8", newline="\n")
 
 
 def written(numbers: Numbers) -> tuple[str, dict[str, Found]]:

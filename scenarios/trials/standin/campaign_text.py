@@ -99,7 +99,7 @@ def write_campaign(standin: StandIn, done: Flown, out: str | Path, paged: Callab
         for flight in judged:
             lists = ([name for name, _ in flight.named], [each.name.lower() for _, each in flight.named], flight.claimed, flight.false, flight.small)
             writer.writerow([flight.seed, flight.verdict, *(" + ".join(names) for names in lists), int(flight.worse)])
-        (scratch / "flights.csv").write_text(text.getvalue(), encoding="utf-8")
+        (scratch / "flights.csv").write_text(text.getvalue(), encoding="utf-8", newline="\n")
         found = {key: {"count": share.count, "of": share.of, "interval": list(share.interval)} for key, share in shares(judged).items()}
         content = {
             "schema": "flightid/campaign/1",

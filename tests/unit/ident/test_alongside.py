@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from ident.alongside import Alongside
+from ident.alongside import START_METHOD, Alongside, spare_processor
 from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.diagnosis.witness import KinematicWitness
 
@@ -29,6 +29,14 @@ def test_a_result_comes_from_another_process() -> None:
     beside.begin()
     assert beside.result() != os.getpid()
     assert beside.result() == os.getpid()  # taken once; what is asked again is computed here
+
+
+def test_where_nothing_can_fork_it_is_computed_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    monkeypatch.setenv(START_METHOD, "spawn")
+    beside = Alongside(os.getpid)
+    beside.begin()
+    assert not spare_processor() and beside.result() == os.getpid()
 
 
 def test_what_was_never_begun_is_computed_here() -> None:

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 _AHEAD, _NOW, _END = "ahead", "now", "end"  # drawn by one process beside the search, by two when it has ended; nothing more comes
 
 
+_NEW_GROUP = 0x200  # subprocess.CREATE_NEW_PROCESS_GROUP, which only Windows has
+
+
 @dataclass
 class Drawer:
     """The process, and the folder through which it is told what to draw.
@@ -78,10 +81,10 @@ class Drawer:
         """End the process at once, and what it forked with it."""
         if self.process.poll() is None:
             with contextlib.suppress(OSError):
-                if os.name == "posix":
+                if hasattr(os, "killpg"):
                     os.killpg(self.process.pid, signal.SIGKILL)
                 else:
-                    self.process.kill()
+                    self.process.terminate()
         self.process.wait()
         if self.process.stdin is not None:
             with contextlib.suppress(OSError):
@@ -101,7 +104,7 @@ class Drawer:
     def _say(self, line: str) -> None:
         assert self.process.stdin is not None
         with contextlib.suppress(OSError):  # it has died, which its exit code tells
-            self.process.stdin.write(f"{line}\n".encode())
+            self.process.stdin.write(os.fsencode(f"{line}\n"))  # paths hold any byte
             self.process.stdin.flush()
 
 
@@ -120,7 +123,7 @@ def figure_process(wanted: bool) -> Iterator[Drawer | None]:
     # The same packages as here, also where they are not installed but found from the current folder.
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     # In a group of its own: Ctrl-C ends the first process, which ends this one with what it forked.
-    group: dict[str, Any] = {"process_group": 0} if os.name == "posix" else {}
+    group: dict[str, Any] = {"process_group": 0} if os.name == "posix" else {"creationflags": _NEW_GROUP}
     pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with contextlib.ExitStack() as stack:
         drawer: Drawer | None = None
@@ -166,8 +169,8 @@ def main() -> None:
     one = {name: Quantity(1.0, 0.1, "1") for name in ("Cm_alpha", "CL_q", "alpha", "nz")}
     figure_png(figure_derivatives(one, one, "warm-up"))  # fonts, symbols and backend are loaded by the first figure
     ahead: list[Path] = []
-    for line in sys.stdin:
-        when, _, written = line.rstrip("\n").partition(" ")
+    for line in sys.stdin.buffer:
+        when, _, written = os.fsdecode(line.rstrip(b"\r\n")).partition(" ")
         if when == _END:
             break
         pictured, folder, formats = unpacked(Path(written).read_bytes())

@@ -65,5 +65,5 @@ def write_flight(flight: Flight, folder: Path) -> tuple[list[Path], Path]:
 
     paths = [write_record(folder, record, record.name, simulated=True)[0] for record in flight.records]
     vehicle = folder / "vehicle.toml"
-    vehicle.write_text(vehicle_text(flight.drawn), encoding="utf-8")
+    vehicle.write_text(vehicle_text(flight.drawn), encoding="utf-8", newline="\n")
     return paths, vehicle

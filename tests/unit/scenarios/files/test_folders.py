@@ -118,3 +118,10 @@ def test_a_study_without_its_main_file_is_a_mistake_of_ours(tmp_path: Path) -> N
     with pytest.raises(ValueError, match="did not write"), study_folder(tmp_path / "out", MAIN):
         pass
     assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("wrong", [["input-delay:rudder.png"], ["over_mach.png", "over_Mach.png"], ["aux.csv"]])
+def test_files_that_another_system_has_not_are_no_study(wrong: list[str], tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"name of the file|upper and lower case"):
+        study(tmp_path / "out", *wrong)
+    assert names(tmp_path) == []

@@ -13,8 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenarios.files.records import read_record
-from scenarios.files.writing import json_text, write_json, write_record
-from sim.errors import FlightidError
+from scenarios.files.writing import file_stems, json_text, unportable, write_json, write_record
+from scenarios.studies.catalogue import IDENTIFICATION, load_document, load_scenario, scenario_kind, scenario_names
+from scenarios.studies.scenario_file.reading import scenario_of
+from sim.errors import DeclarationError, FlightidError
 from sim.record import Channel, Hold, Record
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -97,3 +99,51 @@ def test_what_json_cannot_say_is_refused(tmp_path: Path, content: dict[str, Any]
         write_json(path, content)
     assert "\n" not in str(caught.value) and f"{path}, {place}" in str(caught.value) and caught.value.remedy
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("input-delay:rudder.png", "':'"),
+        ("a/b", "'/'"),
+        ("a\\b", r"'\\'"),
+        ("what?.csv", "'?'"),
+        ("a\tb", r"'\t'"),
+        ("CON", "device"),
+        ("nul.tar.gz", "device"),
+        ("Lpt1.csv", "device"),
+        ("F1.", "point"),
+        ("F1 ", "space"),
+        ("", "empty"),
+    ],
+)
+def test_names_that_windows_has_not_are_known(name: str, why: str) -> None:
+    assert why in unportable(name)
+
+
+@pytest.mark.parametrize("name", ["record.csv", ".report.json.part", "rows-000000.parquet", "Übung 7.png", "console.csv", "com10", "a.b"])
+def test_names_that_every_system_has(name: str) -> None:
+    assert unportable(name) == ""
+
+
+def test_stems_of_files_differ_by_more_than_case() -> None:
+    assert file_stems(["mach", "Mach", "MACH", "fuel left", "fuel:left", "mach", "mach_2"]) == {
+        **{"mach": "mach", "Mach": "Mach_2", "MACH": "MACH_3", "fuel left": "fuel_left", "fuel:left": "fuel_left_2", "mach_2": "mach_2_2"}
+    }
+
+
+def test_every_scenario_names_its_methods_as_every_system_names_files() -> None:
+    scenarios = [load_scenario(name) for name in scenario_names() if scenario_kind(name) == IDENTIFICATION]
+    named = [[method.name for method in scenario.estimations] for scenario in scenarios]
+    assert len(named) > 5 and any(len(names) > 3 for names in named)
+    for names in named:
+        assert [name for name in names if unportable(f"record_{name}.csv")] == []
+        assert len({name.lower() for name in names}) == len(names)
+
+
+@pytest.mark.parametrize(("taken", "said"), [("q:free", "':'"), ("a/b", "'/'"), ("MAIN", "is taken")])
+def test_a_method_whose_name_no_file_can_have_is_refused(taken: str, said: str) -> None:
+    document, name, where = load_document("rigid", [])
+    changed = {key: value for key, value in document.items() if key != "kind"} | {"methods": [{"name": taken}]}
+    with pytest.raises(DeclarationError, match=said):
+        scenario_of(changed, name, where)

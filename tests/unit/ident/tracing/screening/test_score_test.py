@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -184,21 +184,13 @@ def test_findings_stand_by_gain_and_begin_at_distinct_places() -> None:
 
 
 @dataclass(frozen=True)
-class EveryOnset:
+class EveryOnset(UnmeasuredInput):
     """The pulse of `UnmeasuredInput`, each start simulated by itself instead of shifted."""
 
-    inner: UnmeasuredInput
-    starts: tuple[float, ...]
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.inner, name)
-
-    def fitted_to(self, context: SearchContext) -> EveryOnset:
-        return replace(self, inner=self.inner.fitted_to(context))
+    starts: tuple[float, ...] = ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        probes = self.inner.probes(context)
-        return [Probe({**probe.values, "start": start}, probe.slopes) for probe in probes for start in self.starts]
+        return [Probe({**probe.values, "start": start}, probe.slopes) for probe in super().probes(context) for start in self.starts]
 
 
 def test_a_shifted_onset_equals_its_direct_computation() -> None:
@@ -209,7 +201,7 @@ def test_a_shifted_onset_equals_its_direct_computation() -> None:
     (shifted,) = found(root, effect)
     width = effect.fitted_to(search_context(root)).width
     places = tuple(0.02 * k + width for k in range(0, len(root.fit.layout.problems[0].record) - 2, max(1, 501 // 60)))
-    (direct,) = found(root, EveryOnset(effect, places))
+    (direct,) = found(root, EveryOnset(starts=places))
     assert shifted.gain == pytest.approx(direct.gain, rel=1e-6)
     assert dict(shifted.starts[0]) == pytest.approx(dict(direct.starts[0]), rel=1e-5)
     assert collinear(shifted, direct) == pytest.approx(1.0, abs=1e-9)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from ident.alongside import START_METHOD
 from scenarios.plots.page.sharing import shared_out
 from tests.forks import remembered_forks
 
@@ -42,7 +43,8 @@ def done(file: Path) -> tuple[Counter[int], set[int]]:
 
 @pytest.fixture
 def alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No other thread, which would forbid a fork."""
+    """Nothing that would forbid a fork: no other thread, and no other way of starting processes."""
+    monkeypatch.delenv(START_METHOD, raising=False)
     monkeypatch.setattr("threading.active_count", lambda: 1)
 
 
@@ -55,6 +57,14 @@ def test_each_work_is_done_once_by_two_processes(tmp_path: Path) -> None:
 
 def test_beside_other_threads_all_is_done_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("threading.active_count", lambda: 2)
+    (tmp_path / "done.begun").touch()
+    shared_out([partial(noted, tmp_path / "done", number) for number in range(9)])
+    assert done(tmp_path / "done") == (Counter(range(9)), {HERE})
+
+
+@pytest.mark.usefixtures("alone")
+def test_where_nothing_can_fork_all_is_done_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(START_METHOD, "spawn")
     (tmp_path / "done.begun").touch()
     shared_out([partial(noted, tmp_path / "done", number) for number in range(9)])
     assert done(tmp_path / "done") == (Counter(range(9)), {HERE})
