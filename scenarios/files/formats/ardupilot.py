@@ -6,8 +6,6 @@ fast as a log of hundreds of megabytes needs.
 
 from __future__ import annotations
 
-import contextlib
-import io
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -32,17 +30,15 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         from pymavlink.DFReader import DFReader_binary
     except ImportError as error:
         raise missing_library(error, path, FORMAT, EXTRA) from None
-    said = io.StringIO()  # the library prints what it finds damaged
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "log.bin"  # it maps a file into memory and takes no bytes
         copy.write_bytes(raw)
         try:
-            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-                reader = DFReader_binary(str(copy))
-                content = np.frombuffer(raw, dtype=np.uint8)
-                found = [topic for kind in reader.formats for topic in _topics(path, content, reader, kind)]
-                reader.data_map.close()
-                reader.filehandle.close()
+            reader = DFReader_binary(str(copy))
+            content = np.frombuffer(raw, dtype=np.uint8)
+            found = [topic for kind in reader.formats for topic in _topics(path, content, reader, kind)]
+            reader.data_map.close()
+            reader.filehandle.close()
         except Exception as error:  # a damaged file fails in many ways inside the library
             raise damaged(error, path, FORMAT) from None
     if not found:

@@ -13,7 +13,23 @@ FORMAT = "ULog"
 SUFFIXES = (".ulg", ".ulog")
 MAGIC = (b"ULog\x01\x12\x35",)
 EXTRA = "drones"
+NO_PROGRESS = 100_000  # reads
 CLOCK = "timestamp"  # microseconds since the autopilot started
+
+
+class _Forward(io.BytesIO):
+    """The bytes of a log, read within bounds: the library goes back and forth for ever in some damaged logs."""
+
+    furthest, idle = 0, 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """As ``BytesIO.read``; EOFError where many reads have brought nothing new."""
+        content = super().read(size)
+        self.idle = 0 if self.tell() > self.furthest else self.idle + 1
+        self.furthest = max(self.furthest, self.tell())
+        if self.idle > NO_PROGRESS:
+            raise EOFError("it is damaged")
+        return content
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
@@ -23,7 +39,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     except ImportError as error:
         raise missing_library(error, path, FORMAT, EXTRA) from None
     try:
-        log = ULog(io.BytesIO(raw))
+        log = ULog(_Forward(raw))
         data = [(item.name, item.multi_id, {name: np.asarray(values) for name, values in item.data.items()}) for item in log.data_list]
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, FORMAT) from None

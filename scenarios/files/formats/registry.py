@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import importlib
+import io
+import logging
 import pkgutil
+import warnings
 import zlib
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -51,12 +56,26 @@ def topics_of(source: Source) -> tuple[Topic, ...]:
     inner = path
     if raw.startswith(GZIP) or path.suffix.lower() == ".gz":
         raw, inner = _unpacked(path, raw), path.with_suffix("") if path.suffix.lower() == ".gz" else path
-    topics = reader_for(inner, raw).read(path, raw)
+    with _silent():
+        topics = reader_for(inner, raw).read(path, raw)
     filled = tuple(replace(topic, table=without_empty_tail(topic.table)) for topic in topics)
     filled = tuple(topic for topic in filled if topic.table.rows.size)
     if not filled:
         raise RecordError("there is a header but no rows", where=str(path), remedy="give one row a sample")
     return filled
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Libraries print, log and warn of what they find damaged; what matters of it comes back as an error or a note."""
+    level = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logging.disable(level)
 
 
 def without_empty_tail(table: Table) -> Table:
