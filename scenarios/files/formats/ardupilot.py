@@ -6,7 +6,10 @@ fast as a log of hundreds of megabytes needs.
 
 from __future__ import annotations
 
+import contextlib
+import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +37,8 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         copy = Path(folder) / "log.bin"  # it maps a file into memory and takes no bytes
         copy.write_bytes(raw)
         try:
-            reader = DFReader_binary(str(copy))
+            with _silent_process():
+                reader = DFReader_binary(str(copy))
             content = np.frombuffer(raw, dtype=np.uint8)
             found = [topic for kind in reader.formats for topic in _topics(path, content, reader, kind)]
             reader.data_map.close()
@@ -44,6 +48,23 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     if not found:
         raise no_table(path, (), "give a log that holds messages")
     return tuple(sorted(found, key=lambda topic: topic.name))
+
+
+@contextlib.contextmanager
+def _silent_process() -> Iterator[None]:
+    """The compiled part of the library writes to the process's own stderr, past Python."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is no such stream
+        yield
+        return
+    try:
+        with open(os.devnull, "wb") as nothing:
+            os.dup2(nothing.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def _topics(path: Path, content: np.ndarray, reader: Any, kind: int) -> list[Topic]:
