@@ -96,8 +96,8 @@ def _refuse_present(out: Path) -> None:
 def _write(out: Path, draft: Draft) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
-        (out / VEHICLE).write_text(vehicle_text(draft), encoding="utf-8")
-        (out / CHANNELS).write_text(map_text(draft), encoding="utf-8")
+        (out / VEHICLE).write_text(vehicle_text(draft), encoding="utf-8", newline="\n")
+        (out / CHANNELS).write_text(map_text(draft), encoding="utf-8", newline="\n")
     except OSError as error:
         raise DeclarationError(f"cannot be written ({error.strerror or error})", where=str(out), remedy="name another folder") from None
 
