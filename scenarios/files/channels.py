@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from scenarios.files.channel_names import CHANNEL_UNITS
+
+if TYPE_CHECKING:
+    from scenarios.files.channels_schema import ColumnEntry
 
 
 @dataclass(frozen=True)
@@ -58,4 +61,12 @@ def read_channel_map(path: str | Path | Mapping[str, Any], known: Iterable[str] 
     content, where = (path, "channels") if isinstance(path, Mapping) else (read_toml(path), path)
     chosen = checked(schema, content, where)
     entries = {field.alias or name: getattr(chosen, name) for name, field in schema.model_fields.items()}
-    return {name: entry.choice() for name, entry in entries.items() if entry is not None}
+    return {name: _choice(entry) for name, entry in entries.items() if entry is not None}
+
+
+def _choice(entry: ColumnEntry) -> ColumnChoice:
+    """What the reader is given: ``bias`` is taken off, ``sign`` turns the scale."""
+    column = entry.column if entry.sum is None else " + ".join(f"`{name}`" for name in entry.sum)
+    assert column is not None
+    table = None if entry.table is None else (tuple(entry.table[0]), tuple(entry.table[1]))
+    return ColumnChoice(column, entry.unit, entry.sign * entry.scale, entry.offset - (entry.bias or 0.0), entry.delay, table, entry.hold)

@@ -9,8 +9,6 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 from pydantic_core import PydanticCustomError
 
-from scenarios.files.channels import ColumnChoice
-
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
@@ -42,14 +40,6 @@ class ColumnEntry(BaseModel):
             context = {"what": "table is no calibration", "remedy": "write [[x1, x2, ...], [y1, y2, ...]] of one length, x increasing"}
             raise PydanticCustomError("channel", "not a table", context)
         return self
-
-    def choice(self) -> ColumnChoice:
-        """What the reader is given: ``bias`` is taken off, ``sign`` turns the scale."""
-        column = self.column if self.sum is None else " + ".join(f"`{name}`" for name in self.sum)
-        assert column is not None
-        table = None if self.table is None else (tuple(self.table[0]), tuple(self.table[1]))
-        offset = self.offset - (self.bias or 0.0)
-        return ColumnChoice(column, self.unit, self.sign * self.scale, offset, self.delay, table, self.hold)
 
 
 def _increasing(values: Sequence[float]) -> bool:

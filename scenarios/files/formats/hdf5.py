@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.matlab import topics_of_variables
 from scenarios.files.formats.topic import Topic, damaged, missing_library
+from scenarios.files.formats.variables import topics_of_variables
 
 FORMAT = "HDF5"
 SUFFIXES = (".h5", ".hdf5", ".hdf", ".he5", ".nc4")

@@ -21,7 +21,7 @@ from scenarios.files.formats.topic import Reader, Topic, as_module, damaged
 from scenarios.files.sources import Source
 from sim.errors import RecordError
 
-NOT_READERS = ("cells", "layout", "registry", "topic")
+NOT_READERS = ("cells", "layout", "registry", "topic", "variables")
 GZIP = b"\x1f\x8b"
 MOST = 2**31  # bytes that a compressed file may unpack to
 

@@ -1,0 +1,166 @@
+"""Tables from named variables, of MAT and HDF5 files: vectors, a matrix with or without names, structs of any depth, parts of ``iddata``.
+
+The rules: (1) vectors as long as the clock are columns; (2) a matrix with that many rows gives one column for each of its columns, named
+by a list of as many names in the file, else ``NAME1``, ``NAME2`` ...; a lone matrix of which nothing is named has plain numbers;
+(3) a struct is a topic of its own, and a struct with ``data`` or ``signals`` is a column with its ``units``;
+(4) ``u``, ``y`` and ``Ts`` make a record with a clock of that step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenarios.files.formats.topic import Topic, no_table, table_of_columns
+
+DATA = ("data", "Data", "values", "Values", "signal", "value")
+UNITS = ("units", "unit", "Units", "Unit")
+CLOCK_STEP = ("Ts", "dt", "Dt", "DT", "ts", "sample_time", "T_s")
+CLOCKS = ("time", "t", "Time", "TIME", "T", "timestamp", "tout", "SamplingInstants")
+IDDATA = {"u": ("InputData", "u"), "y": ("OutputData", "y")}
+FEWEST = 3  # rows of a matrix that is a table
+
+
+def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic, ...]:
+    """Topics of named values: arrays, texts and mappings of such values.
+
+    Raises
+    ------
+    RecordError : nothing in them is a table; the message names each array with its size.
+    """
+    found: list[Topic] = []
+    _collect(path, "", {name: _dense(value) for name, value in variables.items()}, found)
+    if not found:
+        seen = [f"{name} ({_size(value)})" for name, value in variables.items()]
+        raise no_table(path, seen, "save named vectors of one length, one struct of vectors, or one matrix with a column a signal")
+    if len(found) == 1:
+        return (Topic("", found[0].table, found[0].notes),)
+    return tuple(found)
+
+
+def _collect(path: Path, name: str, variables: Mapping[str, Any], found: list[Topic]) -> None:
+    """Add the table that a level of the file holds, then those of the structs in it."""
+    flat: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    inner: dict[str, Mapping[str, Any]] = {}
+    for key, value in variables.items():
+        if isinstance(value, Mapping):
+            data = next((value[word] for word in DATA if word in value and np.ndim(value[word]) in (1, 2) and np.size(value[word])), None)
+            clocked = any(word in value for word in CLOCKS)
+            if data is not None and not clocked:
+                flat[key] = np.squeeze(np.asarray(_dense(data)))
+                units[key] = next((str(value[word]) for word in UNITS if isinstance(value.get(word), str)), "")
+            else:
+                inner[key] = value
+        elif isinstance(value, np.ndarray) and value.dtype == object and value.size and all(isinstance(each, Mapping) for each in value.flat):
+            inner |= {f"{key}[{n + 1}]": each for n, each in enumerate(value.flat)}
+        elif np.ndim(value) and np.size(value):
+            flat[key] = np.asarray(value)
+    columns, rows, notes = _columns(flat, variables)
+    if columns:
+        spread = {
+            column: units[key] for key in units for column in columns if column == key or (column.startswith(key) and column[len(key) :].isdigit())
+        }
+        found.append(Topic(name, table_of_columns(path, columns, spread, place=name, rows=rows), tuple(notes)))
+    for key, value in inner.items():
+        _collect(path, f"{name}.{key}" if name else key, {word: _dense(each) for word, each in value.items()}, found)
+
+
+def _columns(flat: Mapping[str, np.ndarray], level: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], int, list[str]]:
+    """Columns of one level and their rows: arrays with as many rows as its clock, or as most of them have, and all other vectors.
+
+    A vector of another length is refused with both lengths when a channel asks for it.
+    """
+    numeric = {key: _upright(value) for key, value in flat.items() if _is_numeric(value)}
+    rows = _rows(numeric)
+    chosen = {key: value for key, value in numeric.items() if value.shape[0] == rows}
+    if not chosen or rows < FEWEST:
+        return {}, 0, []
+    clocked = any(word in numeric for word in CLOCKS)
+    columns: dict[str, np.ndarray] = {}
+    for key, value in chosen.items():
+        names = _names(key, value, level, lone=len(chosen) == 1)
+        for index, label in enumerate(names):
+            columns.setdefault(label, value[:, index])
+    step = next((float(level[word]) for word in CLOCK_STEP if word in level and np.ndim(level[word]) == 0 and _positive(level[word])), None)
+    notes = []
+    if step is not None and not any(word in columns for word in CLOCKS):
+        columns = {"time": step * np.arange(rows), **columns}
+        notes.append(f"the clock is made of the step of {step:g} s that the file states")
+    if clocked or len(chosen) > 1:
+        columns |= {key: value[:, 0] for key, value in numeric.items() if key not in chosen and value.shape[1] == 1}
+    left = [
+        f"{key} ({_size(value)})" for key, value in flat.items() if key not in {*chosen, *columns} and np.size(value) > 1 and not _is_names(value)
+    ]
+    if left:
+        notes.append(f"arrays of another length are no columns: {', '.join(left[:6])}{', ...' if len(left) > 6 else ''}")
+    return columns, rows, notes
+
+
+def _names(key: str, value: np.ndarray, level: Mapping[str, Any], *, lone: bool) -> list[str]:
+    """Names of a matrix's columns: from a list of as many names in the file, else by number."""
+    count = value.shape[1]
+    if count == 1:
+        return [key]
+    for other, texts in level.items():
+        said = _texts(texts)
+        if len(said) == count and (lone or key.lower() in other.lower() or other.lower() in ("names", "varlab", "labels", "columns", "header")):
+            return said
+    return [f"{key}{n + 1}" for n in range(count)]
+
+
+def _rows(numeric: Mapping[str, np.ndarray]) -> int:
+    """Rows of the table: those of the clock, else the most frequent number, the larger of two as frequent."""
+    clock = next((value for word in CLOCKS for key, value in numeric.items() if key == word and value.shape[1] == 1), None)
+    if clock is not None and clock.shape[0] >= FEWEST:
+        return int(clock.shape[0])
+    counts: dict[int, int] = {}
+    for value in numeric.values():
+        counts[value.shape[0]] = counts.get(value.shape[0], 0) + value.shape[1]
+    long = {rows: count for rows, count in counts.items() if rows >= FEWEST}
+    return max(long, key=lambda rows: (long[rows] * rows, rows), default=0)
+
+
+def _upright(value: np.ndarray) -> np.ndarray:
+    """An array with one row a sample: vectors as one column, wide matrices turned."""
+    if value.ndim == 1:
+        return value.reshape(-1, 1)
+    return value.T if value.shape[0] == 1 or (value.shape[1] > value.shape[0] and value.shape[0] <= 100) else value
+
+
+def _is_numeric(value: np.ndarray) -> bool:
+    return value.dtype.kind in "fiub" and value.ndim in (1, 2) and value.size > 1
+
+
+def _is_names(value: Any) -> bool:
+    return bool(_texts(value))
+
+
+def _texts(value: Any) -> list[str]:
+    """A list of names, from a cell array or a matrix of characters; empty for anything else."""
+    if isinstance(value, np.ndarray) and value.ndim and value.dtype.kind in "OU" and all(isinstance(each, str) for each in value.flat):
+        return [str(each).strip() for each in value.flat]
+    return []
+
+
+def _dense(value: Any) -> Any:
+    """Sparse matrices as arrays; MATLAB's objects as mappings."""
+    if hasattr(value, "toarray"):
+        return value.toarray()
+    if hasattr(value, "_fieldnames"):
+        return {name: getattr(value, name) for name in value._fieldnames}
+    return value
+
+
+def _positive(value: Any) -> bool:
+    try:
+        return 0.0 < float(value) < np.inf
+    except (TypeError, ValueError):
+        return False
+
+
+def _size(value: Any) -> str:
+    return "struct" if isinstance(value, Mapping) else " x ".join(str(n) for n in np.shape(value)) or "one value"
