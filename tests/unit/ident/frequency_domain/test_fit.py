@@ -79,6 +79,21 @@ def test_several_records_are_fitted_together() -> None:
     assert np.all(np.abs(errors(all_four, case_of("rigid"))) < 4.0)
 
 
+@pytest.mark.parametrize("missing", ["alpha", "q", "nz"])
+def test_an_output_that_no_record_has_takes_no_part(missing: str) -> None:
+    """Its noise is one by convention and no degenerate zero; the others' are what they are."""
+    case, (system, _) = case_of("rigid", 3), system_for("rigid")
+    with_all = fit_frequency_domain([case.record], system)
+    fewer = replace(case.record, outputs=tuple(c for c in case.record.outputs if c.name != missing))
+    found = fit_frequency_domain([fewer], system)
+    at = system.output_names.index(missing)
+    assert found.outcome is Outcome.CONVERGED and found.noise_std[at] == 1.0
+    assert np.delete(found.noise_std, at) == pytest.approx(np.delete(with_all.noise_std, at), rel=0.1)
+    # Another record with it: then it counts.
+    both = fit_frequency_domain([fewer, case.record], system)
+    assert both.noise_std[at] == pytest.approx(with_all.noise_std[at], rel=0.1)
+
+
 def test_an_unstable_aircraft_is_as_easy() -> None:
     record = rigid_record(np.random.default_rng(4), 4.0, values=UNSTABLE)
     system = compile_model(rigid_start(1.2, values=UNSTABLE))
