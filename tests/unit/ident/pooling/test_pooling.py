@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from scipy.stats import kstest
+from scipy.stats import chi2, kstest, norm
+from scipy.stats import t as student
 
 from ident.pooling.conditioning import conditioned, without_one
 from ident.pooling.false_discovery import adjusted
@@ -52,6 +53,62 @@ def test_intervals_hold_the_truth_and_one_value_is_called_one() -> None:
         p_same.append(pooled(sigmas * rng.standard_normal(8), sigmas).p_same)
     assert np.mean(held) > 0.91  # of 95 %: 300 draws scatter by 1.3 %
     assert kstest(p_same, "uniform").pvalue > 1e-3
+
+
+def weighted_least_squares(design: np.ndarray, values: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients and covariance by the whitened problem, widened where the residuals scatter by more than ``variance``."""
+    root = 1.0 / np.sqrt(variance)
+    found, _, _, _ = np.linalg.lstsq(root[:, None] * design, root * values, rcond=None)
+    left = root * (values - design @ found)
+    factor = max(1.0, float(left @ left) / (len(values) - design.shape[1]))
+    return found, factor * np.linalg.inv((root[:, None] * design).T @ (root[:, None] * design))
+
+
+@pytest.mark.parametrize("n", [3, 5, 12])
+def test_the_sigma_of_a_common_value_is_that_of_least_squares_and_never_less_than_of_known_scatter(n: int) -> None:
+    widened = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        sigmas = np.exp(rng.normal(0.0, 1.0, n))
+        values = 3.0 + sigmas * rng.standard_normal(n) + 0.5 * rng.standard_normal(n)
+        found = pooled(values, sigmas)
+        (value,), covariance = weighted_least_squares(np.ones((n, 1)), values, sigmas**2 + found.scatter**2)
+        assert (found.value, found.sigma**2) == pytest.approx((value, covariance[0, 0]))
+        assert found.high - found.value == pytest.approx(student.ppf(0.975, n - 1) * found.sigma)
+        widened += found.sigma**2 > 1.01 / np.sum(1.0 / (sigmas**2 + found.scatter**2))
+        exact = np.average(values, weights=sigmas**-2.0)
+        assert found.p_same == pytest.approx(chi2.sf(np.sum(((values - exact) / sigmas) ** 2), n - 1))
+    assert 0 < widened < 12, "both cases are met"
+
+
+@pytest.mark.parametrize("n", [4, 5, 12])
+def test_a_trend_is_a_weighted_regression_with_students_probability(n: int) -> None:
+    widened = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        sigmas, condition = np.exp(rng.normal(0.0, 1.0, n)), rng.uniform(100.0, 200.0, n)
+        values = 2.0 + 0.01 * condition + sigmas * rng.standard_normal(n) + 0.3 * rng.standard_normal(n)
+        found = trend(values, sigmas, condition)
+        assert found is not None
+        variance = sigmas**2 + found.scatter**2
+        design = np.stack([np.ones(n), condition - found.middle], axis=1)
+        line, covariance = weighted_least_squares(design, values, variance)
+        assert (found.at_middle, found.slope) == pytest.approx((line[0], line[1]))
+        np.testing.assert_allclose(found.covariance, covariance, rtol=1e-6, atol=1e-9)
+        assert found.slope_sigma == pytest.approx(np.sqrt(covariance[1, 1]))
+        assert found.p_value == pytest.approx(2.0 * student.sf(abs(line[1]) / found.slope_sigma, n - 2))
+        least = np.linalg.inv(design.T @ (design / variance[:, None]))[1, 1]
+        widened += found.slope_sigma**2 > 1.01 * least
+    assert 0 < widened < 12, "both cases are met"
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.7, 3.0])
+def test_how_far_a_flight_is_off_counts_its_own_sigma_and_the_scatter_between_flights_once_each(scatter: float) -> None:
+    """Residuals at the quantiles of a Gaussian of variance sigma^2 + scatter^2 are off by these quantiles, whatever their common value."""
+    quantiles = norm.ppf((np.arange(101) + 0.5) / 101.0)
+    off, out = standing_out(5.0 + np.hypot(0.5, scatter) * quantiles, np.full(101, 0.5))
+    np.testing.assert_allclose(off, quantiles, rtol=0.02, atol=1e-9)
+    assert not out.any()
 
 
 def test_a_single_flight_keeps_its_own_value() -> None:
