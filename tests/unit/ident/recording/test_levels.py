@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from ident.recording.finding import Certainty, Finding, Kind
 from ident.recording.inspection import inspect
+from ident.recording.noise_level import _loud
 from sim.record import Channel, Record
 from tests.recorded_flight import SIGMAS, Aircraft, altered, flight
 
@@ -42,6 +43,16 @@ def test_a_burst_of_six_times_the_noise_is_set_aside(sound: Record, channel: str
     (one,) = [each for each in found if each.kind is Kind.NOISE_LEVEL]
     assert (one.channel, one.certainty) == (channel, Certainty.COSTS_INFORMATION)
     assert np.mean(one.mask[loud]) > 0.9 and np.mean(one.mask[~loud]) < 0.05
+
+
+def test_the_same_samples_are_loud_when_time_runs_backwards() -> None:
+    """A fourth difference belongs to the middle one of its five samples."""
+    values = np.random.default_rng(2).standard_normal(600) * np.where(np.arange(600) // 200 == 1, 6.0, 1.0)
+    forwards = _loud(np.diff(values, 4) / math.sqrt(70.0), 2.5, 600)
+    backwards = _loud(np.diff(values[::-1], 4) / math.sqrt(70.0), 2.5, 600)
+    np.testing.assert_array_equal(backwards[::-1], forwards)
+    at = np.flatnonzero(forwards)
+    assert abs(at[0] - 200) < 15 and abs(at[-1] - 399) < 15 and len(at) == at[-1] - at[0] + 1
 
 
 def test_noise_that_is_loud_most_of_the_time_is_warned_of_and_kept(sound: Record) -> None:
