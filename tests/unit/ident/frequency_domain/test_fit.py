@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ident.estimate import Estimate, Outcome
+from ident.frequency_domain import noise_spectrum
 from ident.frequency_domain.fit import fit_transforms
 from ident.frequency_domain.noise_spectrum import coloured, equal_bands
 from ident.frequency_domain.output_error import FrequencySettings, fit_frequency_domain, frequency_fit, from_best_start
@@ -157,6 +158,17 @@ def test_level_noise_is_not_split() -> None:
         residual = rng.standard_normal((3, 90)) + 1j * rng.standard_normal((3, 90))
         accused += coloured([residual], [np.ones(3, dtype=bool)], bands, np.full(3, 1e-30))
     assert accused < 3
+
+
+def test_level_noise_is_split_as_often_as_is_declared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 600 draws at a level of one in ten 60, give or take four deviations and what chi-squared misses with 30 harmonics a band."""
+    monkeypatch.setattr(noise_spectrum, "SURE", 0.1)
+    rng, accused = np.random.default_rng(10), 0
+    bands = equal_bands([np.arange(180.0)])
+    for _ in range(600):
+        residual = rng.standard_normal((3, 180)) + 1j * rng.standard_normal((3, 180))
+        accused += coloured([residual], [np.ones(3, dtype=bool)], bands, np.full(3, 1e-30))
+    assert accused / 600 == pytest.approx(0.1, abs=0.05)
 
 
 def test_a_bound_is_kept() -> None:

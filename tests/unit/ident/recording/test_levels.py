@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from ident.recording.finding import Certainty, Finding, Kind
 from ident.recording.inspection import inspect
 from ident.recording.noise_level import _loud
+from ident.recording.zero_steps import _jumps
 from sim.record import Channel, Record
 from tests.recorded_flight import SIGMAS, Aircraft, altered, flight
 
@@ -113,6 +114,17 @@ def test_a_zero_that_steps_is_told_with_time_and_size(channel: str, sign: float,
     assert (one.channel, one.kind) == (channel, Kind.ZERO_STEP)
     assert one.times[0][0] == pytest.approx(record.time[613], abs=0.03)
     assert one.numbers["step"].value == pytest.approx(size, rel=0.25)
+
+
+@pytest.mark.parametrize("length", [5, 12, 25])
+def test_a_jump_forgets_level_slope_and_curvature_and_keeps_its_size(length: int) -> None:
+    """Two lines to the middle between samples; a step at another row is seen in part, which is least where it is farthest."""
+    rows, at, size = np.arange(120.0), 60, 0.4
+    assert np.max(np.abs(_jumps(3.0 - 0.2 * rows, length))) < 1e-12
+    assert np.max(np.abs(_jumps(0.01 * (rows - 60.0) ** 2, length))) < 1e-10 * 36.0
+    found = _jumps(3.0 - 0.2 * rows + 0.01 * (rows - 60.0) ** 2 + size * (rows >= at), length)
+    assert found[at - length] == pytest.approx(size) and np.argmax(np.abs(found)) == at - length
+    assert np.max(np.abs(np.delete(found, np.s_[at - 2 * length + 1 : at]))) < 1e-9
 
 
 def test_what_jumps_in_two_channels_or_returns_is_no_step_of_a_zero(sound: Record) -> None:
