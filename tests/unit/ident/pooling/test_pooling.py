@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from scipy.stats import chi2, kstest, norm
+from scipy.stats import chi2, kstest, multivariate_normal, norm
 from scipy.stats import t as student
 
 from ident.pooling.conditioning import conditioned, without_one
 from ident.pooling.false_discovery import adjusted
 from ident.pooling.random_effects import pooled
-from ident.pooling.recurrence import Evidence, recurrence
+from ident.pooling.recurrence import Evidence, _at, recurrence
 from ident.pooling.standing_out import standing_out
 from ident.pooling.trend import trend
 
@@ -197,6 +197,23 @@ def flights(values: np.ndarray, sigmas: np.ndarray, rng: np.random.Generator) ->
     """Linear flights: each estimate with its own noise; the gain is what least squares gives over zero."""
     seen = values + sigmas * rng.standard_normal(len(values))
     return Evidence(0.5 * (seen / sigmas) ** 2, seen[:, None], (sigmas**2)[:, None, None])
+
+
+@pytest.mark.parametrize("k", [1, 2])
+def test_what_a_flight_gains_by_a_common_value_is_its_marginal_likelihood(k: int) -> None:
+    """Its own value is drawn about the common one, with a scatter that is a share of it; without the effect it is zero."""
+    rng = np.random.default_rng(14)
+    roots = rng.standard_normal((6, k, k)) + 2.0 * np.eye(k)
+    covariance = roots @ roots.transpose(0, 2, 1)
+    seen = 3.0 * rng.standard_normal((6, k))
+    best = 0.5 * np.einsum("ni,nij,nj->n", seen, np.linalg.inv(covariance), seen)
+    values, scatters = rng.standard_normal((3, k)) * 4.0, np.array([0.0, 0.2, 0.8])
+    found, _ = _at(Evidence(best, seen, covariance), values, scatters)
+    for c in range(3):
+        between = np.diag((scatters[c] * values[c]) ** 2)
+        for n in range(6):
+            having = multivariate_normal.logpdf(seen[n], values[c], covariance[n] + between)
+            assert found[c, n] == pytest.approx(having - multivariate_normal.logpdf(seen[n], np.zeros(k), covariance[n]))
 
 
 def test_an_effect_of_the_aircraft_is_told_even_where_no_flight_tells_it_alone() -> None:
