@@ -14,10 +14,12 @@ from scenarios.files.measured.record_file import RecordFile, read_record_file
 from scenarios.files.writing import write_record
 from scenarios.identification import from_files
 from scenarios.identification.from_files import identify_files
+from scenarios.identification.input_reading import other_reading
 from scenarios.identification.methods import FILTERS, METHODS
 from scenarios.identification.result import PLAIN, Options
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.request import Request
+from scenarios.studies.rows import Row
 from sim.record import Channel, Hold, Record
 from tests.own_models import ROLL, model_file
 
@@ -96,3 +98,15 @@ def test_a_reading_that_is_asked_for_is_the_only_one(spy: Spy, tmp_path: Path, h
 def test_one_file_that_says_how_its_inputs_are_held_is_enough(spy: Spy, tmp_path: Path, says: tuple[int, ...]) -> None:
     identify_files(request(tmp_path, 2, says_hold=says), "output-error")
     assert spy.holds == [None]
+
+
+@pytest.mark.parametrize("used", list(Hold))
+@pytest.mark.parametrize(("by", "told"), [(0.9, False), (1.1, True), (-0.9, False), (-1.1, True)])
+def test_the_other_reading_is_told_where_it_moves_a_value_by_more_than_its_sigma(used: Hold, by: float, told: bool) -> None:
+    rows = [Row("L_p", "1/s", -2.0, 0.1), Row("L_da", "1/s2", 8.0, 0.4), Row("held", "1/s", 1.0, 0.0)]
+    again = [Row("L_p", "1/s", -2.0 + 0.1 * by, 0.9), Row("L_da", "1/s2", 8.0, 0.01), Row("held", "1/s", 5.0, 0.0)]
+    found = other_reading(used, rows, again, -3.0)
+    assert (found is not None) is told
+    if found is not None:
+        assert [row.name for row, _ in found.moved] == ["L_p"] and {found.used, found.other} == set(Hold) and found.used is used
+        assert "fits worse" in found.sentence and f"--hold {found.other.value}" in found.sentence
