@@ -1,12 +1,12 @@
 """Change one line of the program at a time and see whether its tests notice.
 
-``python -m tests.mutation.run`` works through `tests.mutation.table`; a word after it keeps the mutants
-whose file or text contains the word. Each mutant is tried in a temporary copy of the checkout.
+``python -m tests.mutation.run`` works through `tests.mutation.table`; a word after it keeps the
+mutants whose file or text contains the word. Each is tried in a temporary copy of the checkout.
 
 | result | meaning |
 |---|---|
 | killed | one of the named tests fails, as it should |
-| killed by neighbours | the named tests pass, and one in the unit folder of the changed file fails |
+| killed by neighbours | the named tests pass, and one in the file's folder of unit tests fails |
 | survived | all of these tests pass: a test is missing |
 | broken | the text is not found once in its file, or the tests could not run |
 """
@@ -48,8 +48,8 @@ class Mutant:
     Attributes
     ----------
     file : path below the root of the checkout.
-    old, new : text that occurs once in the file, and what takes its place. Text and not a line number,
-        so that edits elsewhere in the file do not matter.
+    old, new : text that occurs once in the file, and what takes its place. Text and not a line
+        number, so that edits elsewhere in the file do not matter.
     tests : what should notice, as pytest names it.
     """
 
@@ -59,7 +59,8 @@ class Mutant:
     tests: tuple[str, ...]
 
     def __str__(self) -> str:
-        return f"{self.file}: {' '.join(self.old.split())} -> {' '.join(self.new.split()) or 'nothing'}"
+        old, new = (" ".join(text.split()) for text in (self.old, self.new))
+        return f"{self.file}: {old} -> {new or 'nothing'}"
 
 
 def mutated(text: str, mutant: Mutant) -> str:
@@ -71,7 +72,8 @@ def mutated(text: str, mutant: Mutant) -> str:
     """
     found = text.count(mutant.old)
     if found != 1:
-        raise ValueError(f"{mutant.file}: {mutant.old!r} occurs {found} times; name a text that occurs once")
+        what = f"{mutant.file}: {mutant.old!r} occurs {found} times"
+        raise ValueError(f"{what}; name a text that occurs once, or the file where it is now")
     return text.replace(mutant.old, mutant.new)
 
 
@@ -84,11 +86,20 @@ def unit_folder(file: str, root: Path = ROOT) -> str | None:
 
 
 def outcome_of(copy: Path, tests: Sequence[str]) -> tuple[int, str]:
-    """Run tests in a copy of the checkout until one fails: the exit code of pytest and that test's name."""
-    command = [sys.executable, "-m", "pytest", "-n", "0", "-x", "-q", "-p", "no:cacheprovider", *tests]
-    environment = {**os.environ, "PYTHONPATH": str(copy), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    """Run tests in a copy until one fails: the exit code of pytest and the name of that test."""
+    options = ("-n", "0", "-x", "-q", "-p", "no:cacheprovider")
+    command = [sys.executable, "-m", "pytest", *options, *tests]
+    single = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, "PYTHONPATH": str(copy), **single}
     try:
-        done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, timeout=LONGEST)
+        done = subprocess.run(
+            command,
+            cwd=copy,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=LONGEST,
+        )
     except subprocess.TimeoutExpired:
         return FAILED, "no end within the time"
     marked = re.search(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE)
@@ -120,7 +131,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def try_mutant(copy: Path, mutant: Mutant) -> tuple[Result, str]:
-    """Result of one mutant in a copy of the checkout whose tests pass without it, and the test that noticed."""
+    """Result of one mutant in a copy whose tests pass without it, and the test that noticed."""
     try:
         with applied(copy, mutant):
             code, by = outcome_of(copy, mutant.tests)
@@ -129,7 +140,7 @@ def try_mutant(copy: Path, mutant: Mutant) -> tuple[Result, str]:
             folder = unit_folder(mutant.file, copy)
             code, by = outcome_of(copy, [folder]) if folder is not None else (PASSED, "")
             return (Result.KILLED_BY_NEIGHBOURS, by) if code == FAILED else (Result.SURVIVED, "")
-    except ValueError as error:
+    except (OSError, ValueError) as error:
         return Result.BROKEN, str(error)
 
 
@@ -146,22 +157,26 @@ def run(mutants: Sequence[Mutant], root: Path = ROOT) -> Iterator[tuple[Mutant, 
         named = sorted({test for mutant in mutants for test in mutant.tests})
         code, by = outcome_of(copy, named) if named else (PASSED, "")
         if code != PASSED:
-            raise RuntimeError(f"the named tests do not pass without a mutant ({by}): mend them first")
+            what = f"the named tests do not pass without a mutant ({by})"
+            raise RuntimeError(f"{what}: mend them first")
         for mutant in mutants:
             yield mutant, *try_mutant(copy, mutant)
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Print a line for each mutant; 1 where one survived or could not be tried."""
+    """Print a line for each mutant; 1 where one survived or is broken, 2 where none was tried."""
     from tests.mutation.table import MUTANTS
 
-    parser = argparse.ArgumentParser(prog="python -m tests.mutation.run", description="Try the mutants of the table.")
-    parser.add_argument("word", nargs="?", default="", help="part of the file or text of the mutants to try")
-    word = parser.parse_args(words).word
-    failures = 0
-    for mutant, result, by in run([mutant for mutant in MUTANTS if word in str(mutant)]):
-        failures += result is not Result.KILLED
-        print(f"{result.value:<20} {mutant}{f'  [{by}]' if by else ''}", flush=True)
+    parser = argparse.ArgumentParser(description="Try the mutants of the table.")
+    parser.add_argument("word", nargs="?", default="", help="part of a file's name or of a text")
+    word, failures = parser.parse_args(words).word, 0
+    try:
+        for mutant, result, by in run([mutant for mutant in MUTANTS if word in str(mutant)]):
+            failures += result is not Result.KILLED
+            print(f"{result.value:<20} {mutant}{f'  [{by}]' if by else ''}", flush=True)
+    except RuntimeError as error:
+        print(error, file=sys.stderr)
+        return 2
     return 1 if failures else 0
 
 

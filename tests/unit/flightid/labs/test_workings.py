@@ -1,4 +1,4 @@
-"""What the labs compute beside a study: shares, errors in sigmas, the spectrum of a doublet, the time to double; no notebook is run."""
+"""What the labs compute from a study: errors in sigmas, a doublet's spectrum, time to double."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ def test_an_error_in_sigmas_is_positive_above_the_reference(estimate: float, sig
 
 def test_a_residual_is_measured_less_fitted() -> None:
     time, fitted = np.arange(5) * 0.1, np.array([[1.0, 2.0, 3.0, 4.0, 5.0], np.zeros(5)])
-    outputs = (Channel.of("q", "rad/s", np.zeros(5) + 0.5), Channel.of("alpha", "rad", fitted[0] + 0.25))
+    outputs = (
+        Channel.of("q", "rad/s", np.zeros(5) + 0.5),
+        Channel.of("alpha", "rad", fitted[0] + 0.25),
+    )
     estimate = SimpleNamespace(output_names=("alpha", "q"), fitted=(fitted,))
     found: Any = SimpleNamespace(
         record=Record(time, (), outputs),
@@ -37,7 +40,7 @@ def test_a_residual_is_measured_less_fitted() -> None:
 
 @pytest.mark.parametrize("frequency", [0.8, 3.0])
 def test_the_spectrum_of_the_tuned_doublet_peaks_at_the_frequency(frequency: float) -> None:
-    """By quadrature of exp(-j omega t) over a doublet, at the frequency and a little below and above it."""
+    """By quadrature of exp(-j omega t) over a doublet, at the frequency and a little off it."""
     unit = short_period.tuned_doublet(frequency)
     t = (np.arange(20000) + 0.5) / 20000 * 2.0 * unit
     doublet = np.where(t < unit, 1.0, -1.0)

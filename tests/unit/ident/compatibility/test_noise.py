@@ -1,4 +1,4 @@
-"""The noise that a channel's roughness shows: that of white noise, whatever smooth motion and whatever switches are under it."""
+"""A channel's roughness is the variance of its white noise, with motion and switches or without."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ COUNT = 20_000
 
 @pytest.mark.parametrize("std", [1e-3, 0.5])
 def test_the_roughness_of_white_noise_is_its_variance(std: float) -> None:
-    """Within four deviations of a median of 20,000 third differences, which remember three samples: 5 % of the variance."""
+    """Within four deviations of a median of 20,000 correlated differences: 5 % of the variance."""
     assert roughness(std * np.random.default_rng(1).standard_normal(COUNT)) == pytest.approx(std**2, rel=0.06)
 
 

@@ -1,4 +1,4 @@
-"""The start of a fit with process noise: its size follows from the excess of the residuals over the noise."""
+"""The start of a fit with process noise: as large as the residuals exceed the noise."""
 
 from __future__ import annotations
 
@@ -8,7 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.process_noise.filter_error_fit import _amplitudes, _never_still, _size_of_motion, noise_start
+from ident.process_noise.filter_error_fit import (
+    _amplitudes,
+    _never_still,
+    _size_of_motion,
+    noise_start,
+)
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, evaluate
 from ident.whole_record.layout import FitSettings, lay_out
@@ -38,7 +43,7 @@ def decaying(factor: float = 1.0) -> Model:
 
 
 def fit_with(residual: float, factor: float = 1.0) -> Fit:
-    """The declared model on a record that it misses by ``residual`` in every sample, up and down."""
+    """The declared model on a record that it misses by ``residual``, up and down in turn."""
     time = STEP * np.arange(SAMPLES)
     off = residual * (-1.0) ** np.arange(SAMPLES)
     push = Channel.of("push", "m/s", np.zeros(SAMPLES))
@@ -53,7 +58,7 @@ def fit_with(residual: float, factor: float = 1.0) -> Fit:
 
 
 def mean_variance_of_x() -> float:
-    """Var x = q (1 - exp(-2 a t)) / (2 a) of the forced state that starts at rest, mean over the samples."""
+    """Mean over the samples of q (1 - exp(-2 a t)) / (2 a), the variance of x from rest."""
     t = STEP * np.arange(SAMPLES)
     return float(np.mean(FORCING * (1.0 - np.exp(-2.0 * DECAY * t)) / (2.0 * DECAY)))
 
@@ -94,7 +99,7 @@ def test_only_intensities_are_kept_off_zero() -> None:
 
 
 def test_measurement_noise_starts_between_a_fiftieth_of_the_residual_and_the_residual() -> None:
-    """Third differences are 8 r of residuals +r, -r, ... and zero of constant ones; sqrt(20) r of white noise."""
+    """Third differences: 8 r of residuals +r, -r, ..., sqrt(20) r of white, zero of constant ones."""
     fit = fit_with(0.5)
     assert noise_start(fit) == pytest.approx([0.5])
     weighted = replace(fit.weighted, residuals=(0.5 * np.ones((1, SAMPLES)),))

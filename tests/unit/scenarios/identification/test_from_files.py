@@ -1,4 +1,4 @@
-"""When the other reading of the inputs between samples is tried: only where nobody said how to read them, and it can matter."""
+"""The other reading of the inputs is tried where no one declared how they are held."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.own_models import ROLL, model_file
 
 @dataclass
 class Spy:
-    """In the place of preparation and fit: how records were read in each fit, and by which options."""
+    """Replaces preparation and fit: records the hold and the options of each fit."""
 
     inputs: tuple[str, ...] = ("aileron",)
     outcome_ok: bool = True
@@ -58,7 +58,13 @@ def record_files(folder: Path, count: int, *, says_hold: tuple[int, ...] = ()) -
     opened = []
     for number in range(count):
         outputs = tuple(Channel.of(name, unit, np.sin(time)) for name, unit in (("p", "rad/s"), ("phi", "rad")))
-        record = Record(time, (Channel.of("aileron", "rad", np.cos(time)),), outputs, Hold.PREVIOUS, f"flight {number}")
+        record = Record(
+            time,
+            (Channel.of("aileron", "rad", np.cos(time)),),
+            outputs,
+            Hold.PREVIOUS,
+            f"flight {number}",
+        )
         file = read_record_file(write_record(folder, record, f"flight{number}")[0])
         opened.append(replace(file, sidecar=replace(file.sidecar, says_hold=number in says_hold)))
     return tuple(opened)
@@ -103,8 +109,16 @@ def test_one_file_that_says_how_its_inputs_are_held_is_enough(spy: Spy, tmp_path
 @pytest.mark.parametrize("used", list(Hold))
 @pytest.mark.parametrize(("by", "told"), [(0.9, False), (1.1, True), (-0.9, False), (-1.1, True)])
 def test_the_other_reading_is_told_where_it_moves_a_value_by_more_than_its_sigma(used: Hold, by: float, told: bool) -> None:
-    rows = [Row("L_p", "1/s", -2.0, 0.1), Row("L_da", "1/s2", 8.0, 0.4), Row("held", "1/s", 1.0, 0.0)]
-    again = [Row("L_p", "1/s", -2.0 + 0.1 * by, 0.9), Row("L_da", "1/s2", 8.0, 0.01), Row("held", "1/s", 5.0, 0.0)]
+    rows = [
+        Row("L_p", "1/s", -2.0, 0.1),
+        Row("L_da", "1/s2", 8.0, 0.4),
+        Row("held", "1/s", 1.0, 0.0),
+    ]
+    again = [
+        Row("L_p", "1/s", -2.0 + 0.1 * by, 0.9),
+        Row("L_da", "1/s2", 8.0, 0.01),
+        Row("held", "1/s", 5.0, 0.0),
+    ]
     found = other_reading(used, rows, again, -3.0)
     assert (found is not None) is told
     if found is not None:

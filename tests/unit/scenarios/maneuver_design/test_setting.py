@@ -1,4 +1,4 @@
-"""What a design takes for granted: the pace of a model by its roots, sample times, and who holds a flight back."""
+"""What a design starts from: the pace of a model by its roots, sample times, limits."""
 
 from __future__ import annotations
 
@@ -13,10 +13,13 @@ from scenarios.identification.own_model.example_motion import PULSE
 from scenarios.maneuver_design import content
 from scenarios.maneuver_design.asked import Asked
 from scenarios.maneuver_design.content import maneuver_content
+from scenarios.maneuver_design.limits import Limits, limits_of, usual_limits
 from scenarios.maneuver_design.setting import _frequency, _room, _rounded
+from scenarios.maneuver_design.within_limits import _worst
 from sim.declaration import own_model
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
+from tests.bases import rigid_model
 
 REST = {"push": 0.0}
 ASKED = Asked("rigid", Path("vehicle.toml"))
@@ -52,7 +55,10 @@ def test_the_pace_is_the_geometric_mean_of_the_quicker_roots(roots: tuple[float,
     assert _frequency(chain(*roots), REST) == pytest.approx(frequency)
 
 
-@pytest.mark.parametrize(("value", "rounded"), [(0.9, 1.0), (1.0, 1.0), (1.1, 2.0), (3.0, 5.0), (5.0, 5.0), (51.0, 100.0), (0.012, 0.02)])
+@pytest.mark.parametrize(
+    ("value", "rounded"),
+    [(0.9, 1.0), (1.0, 1.0), (1.1, 2.0), (3.0, 5.0), (5.0, 5.0), (51.0, 100.0), (0.012, 0.02)],
+)
 def test_a_rate_is_the_next_round_number_that_is_not_below(value: float, rounded: float) -> None:
     assert _rounded(value) == pytest.approx(rounded)
 
@@ -82,13 +88,71 @@ def test_too_many_samples_are_refused_and_so_is_a_flight_too_short() -> None:
             _room(asked, model, 1.0)
 
 
+DEGREE = math.pi / 180.0
+
+
+@pytest.mark.parametrize(
+    ("given", "output", "ends"),
+    [
+        ({"alpha_max": "3 deg"}, "alpha", (-3.0 * DEGREE, 3.0 * DEGREE)),
+        ({"q_max": "9 deg/s"}, "q", (-9.0 * DEGREE, 9.0 * DEGREE)),
+        ({"alpha_max": "3 deg", "alpha_min": "-1 deg"}, "alpha", (-1.0 * DEGREE, 3.0 * DEGREE)),
+        ({"alpha_min": "-1 deg"}, "alpha", (-1.0 * DEGREE, 8.0 * DEGREE)),
+        ({"nz_max": 1.6}, "nz", (0.0, 1.6)),
+        ({"nz_min": 0.5}, "nz", (0.5, 2.0)),
+    ],
+)
+def test_one_limit_of_an_angle_or_a_rate_holds_to_both_sides_and_of_a_load_factor_to_its_own(
+    given: dict[str, Any], output: str, ends: tuple[float, float]
+) -> None:
+    model = rigid_model()
+    usual = usual_limits(model, {"alpha": 0.0, "q": 0.0, "nz": 0.0})
+    found = limits_of(given, model, usual)
+    assert found.outputs[output] == pytest.approx(ends)
+    assert {name: kept for name, kept in found.outputs.items() if name != output} == {
+        name: kept for name, kept in usual.outputs.items() if name != output
+    }
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "share", "whose"),
+    [
+        (1.0, 1.3, 0.5, "nz"),
+        (0.8, 1.0, 0.4, "nz"),
+        (1.0, 1.6, 1.0, "nz"),
+        (1.0, 1.9, 1.5, "nz"),
+        (1.0, 1.03, 0.1, "alpha"),
+    ],
+)
+def test_a_limit_is_used_up_from_the_rest_to_itself(low: float, high: float, share: float, whose: str) -> None:
+    """nz rests at 1 between 0.5 and 1.6; alpha uses a tenth of its own."""
+    limits = Limits({"nz": (0.5, 1.6), "alpha": (-0.1, 0.3)}, {}, {})
+    setting: Any = SimpleNamespace(limits=limits, still={"nz": 0.0, "alpha": 0.1, "q": 0.0}, model=rigid_model())
+    extremes = {"nz": (low, high), "alpha": (0.08, 0.12), "q": (-9.0, 9.0)}
+    used, name = _worst(setting, extremes)
+    assert used == pytest.approx(share) and name == whose
+
+
+def test_limits_that_the_rest_does_not_keep_are_refused() -> None:
+    setting: Any = SimpleNamespace(limits=Limits({"nz": (1.1, 1.6)}, {}, {}), still={"nz": 0.0}, model=rigid_model())
+    with pytest.raises(DeclarationError, match="nz is 1 before any maneuver"):
+        _worst(setting, {"nz": (1.0, 1.2)})
+
+
 @pytest.mark.parametrize(("bound", "shown"), [("alpha, nz", "alpha, nz"), ("", "amplitude")])
 def test_a_maneuver_is_held_by_the_output_that_reaches_its_limit_else_by_its_amplitude(
     bound: str, shown: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(content, "peaks_of", lambda *_: {})
     flight = SimpleNamespace(scale=0.5, bound_by=bound, extremes={"alpha": (-0.1, 0.2)})
-    maneuver: Any = SimpleNamespace(kind="doublet", pace=1.0, flight=flight, criterion=0.1, sigmas={"a": 1.0, "b": math.inf}, contests=())
+    maneuver: Any = SimpleNamespace(
+        kind="doublet",
+        pace=1.0,
+        flight=flight,
+        criterion=0.1,
+        sigmas={"a": 1.0, "b": math.inf},
+        contests=(),
+    )
     design: Any = None
     found = maneuver_content(design, maneuver)
     assert found["held_by"] == shown and found["sigmas"] == {"a": 1.0} and "chance" not in found

@@ -1,4 +1,4 @@
-"""Errors of a value against its reference, on pages that show studies side by side and in the rows of a study."""
+"""Errors of a value against its reference, side by side and in the rows of a study."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from scenarios.studies.declaration import Start
 from scenarios.studies.rows import Row
 
 
-@pytest.mark.parametrize(("estimate", "reference", "percent"), [(-1.1, -1.0, -10.0), (-0.9, -1.0, 10.0), (2.2, 2.0, 10.0)])
+@pytest.mark.parametrize(
+    ("estimate", "reference", "percent"),
+    [(-1.1, -1.0, -10.0), (-0.9, -1.0, 10.0), (2.2, 2.0, 10.0)],
+)
 def test_an_error_in_per_cent_has_the_sign_of_the_error(estimate: float, reference: float, percent: float) -> None:
     value = Value(estimate, 0.05, "1/rad", true=reference)
     assert value.percent == pytest.approx(percent)
@@ -39,4 +42,8 @@ def test_another_unit_scales_all_numbers_and_no_error() -> None:
     assert other.published == pytest.approx((1.8, 0.2)) and other.unit == "mrad"
     assert (other.percent, other.sigmas) == pytest.approx((value.percent, value.sigmas))
     printed = other.published_value
-    assert printed is not None and (printed.estimate, printed.std, printed.reference) == pytest.approx((1.8, 0.2, 1.9))
+    assert printed is not None and (
+        printed.estimate,
+        printed.std,
+        printed.reference,
+    ) == pytest.approx((1.8, 0.2, 1.9))

@@ -1,4 +1,4 @@
-"""From the plan of a scenario to its inputs: kinds, sums, and steps that fly beside a smooth maneuver."""
+"""From the plan of a scenario to its inputs: kinds, sums, steps together with smooth maneuvers."""
 
 from __future__ import annotations
 
@@ -9,14 +9,31 @@ import pytest
 
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.flying import EVER, fly_scenario, held_alike, maneuver_of, maneuvers_by_input, measured_again
+from scenarios.studies.flying import (
+    EVER,
+    fly_scenario,
+    held_alike,
+    maneuver_of,
+    maneuvers_by_input,
+    measured_again,
+)
 from sim.maneuvers.steps import Maneuver
 from sim.record import Hold
 
 TIME = np.arange(0.0, 8.0, 0.1)
 DOUBLET = ManeuverPlan("elevator", "doublet", {"amplitude": 0.1, "unit": 0.5, "start": 1.0})
 MULTISINE = ManeuverPlan("rudder", "multisine", {"amplitude": 0.2, "duration": 4.0, "harmonics": [1, 3], "start": 2.0})
-SWEEP = ManeuverPlan("aileron", "sweep", {"amplitude": 0.3, "first_frequency": 1.0, "last_frequency": 9.0, "duration": 5.0, "start": 0.5})
+SWEEP = ManeuverPlan(
+    "aileron",
+    "sweep",
+    {
+        "amplitude": 0.3,
+        "first_frequency": 1.0,
+        "last_frequency": 9.0,
+        "duration": 5.0,
+        "start": 0.5,
+    },
+)
 INPUTS = ("aileron", "elevator", "rudder")
 
 
@@ -67,7 +84,11 @@ def test_each_kind_has_the_extent_that_its_numbers_say() -> None:
         ("3-2-1-1", {"amplitude": 0.1, "unit": 0.5}, 1.0 + 7 * 0.5),
         ("doublet", {"amplitude": 0.1, "unit": 0.5}, 2.0),
         ("pulse", {"amplitude": 0.1, "unit": 0.5}, 1.5),
-        ("sweep", {"amplitude": 0.1, "first_frequency": 1.0, "last_frequency": 9.0, "duration": 5.0}, 6.0),
+        (
+            "sweep",
+            {"amplitude": 0.1, "first_frequency": 1.0, "last_frequency": 9.0, "duration": 5.0},
+            6.0,
+        ),
         ("multisine", {"amplitude": 0.1, "duration": 4.0, "harmonics": [1, 3]}, 5.0),
     ):
         values = maneuver_of(ManeuverPlan("elevator", kind, {**numbers, "start": 1.0}), "here")(t)
@@ -79,7 +100,13 @@ def test_each_kind_has_the_extent_that_its_numbers_say() -> None:
 
 
 def test_a_sweep_fades_in_and_out_over_a_tenth_of_its_length() -> None:
-    numbers = {"amplitude": 1.0, "first_frequency": 40.0, "last_frequency": 40.0, "duration": 5.0, "start": 0.0}
+    numbers = {
+        "amplitude": 1.0,
+        "first_frequency": 40.0,
+        "last_frequency": 40.0,
+        "duration": 5.0,
+        "start": 0.0,
+    }
     values = np.abs(maneuver_of(ManeuverPlan("elevator", "sweep", numbers), "here")(np.arange(0.0, 5.0, 0.001)))
     assert values[:200].max() < 0.45 and values[250:500].max() < 1.0 and values[500:1000].max() > 0.99
     assert values[-200:].max() < 0.45 and values[-1000:-500].max() > 0.99

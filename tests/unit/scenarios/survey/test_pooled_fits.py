@@ -1,4 +1,4 @@
-"""What is kept of a flight's fit: likelihood and covariance of as many samples as are independent."""
+"""A flight's fit as it is stored: likelihood and covariance of the independent samples."""
 
 from __future__ import annotations
 

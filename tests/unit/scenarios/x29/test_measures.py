@@ -24,7 +24,7 @@ def measured(
     stretch: tuple[float, float] | None = None,
     peak: tuple[float, float] | None = None,
 ) -> Misfit:
-    """The misfit where outputs ``(3, N)`` were simulated, and q has these innovations ``(N,)`` of a filter that expects a size of 2."""
+    """Misfit of simulated outputs ``(3, N)`` where q has these innovations, expected of size 2."""
     record = Record(TIME, (), tuple(Channel.of(name, "1", row) for name, row in zip(NAMES, z, strict=True)))
     rows = np.stack([np.zeros(COUNT), innovation, np.zeros(COUNT)])
     history = SimpleNamespace(

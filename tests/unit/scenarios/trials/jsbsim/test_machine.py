@@ -26,7 +26,7 @@ def astray(phi: float, theta: float) -> bool:
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_flight_goes_astray_beyond_75_degrees_of_bank_and_60_of_pitch(sign: float) -> None:
-    """Short of the vertical, where Euler's angles end and nothing is left of an aircraft about its trim."""
+    """Short of the vertical, where Euler angles are singular."""
     assert not astray(sign * 74.9, 0.0) and astray(sign * 75.1, 0.0)
     assert not astray(0.0, sign * 59.9) and astray(0.0, sign * 60.1)
     assert not astray(sign * 74.9, sign * 59.9)
@@ -39,7 +39,7 @@ def test_a_flight_whose_numbers_end_goes_astray(bad: float) -> None:
 
 
 def test_units_are_those_of_the_international_foot_and_pound() -> None:
-    """0.3048 m and 0.45359237 kg exactly; a slug is a pound force over a foot per second squared."""
+    """0.3048 m and 0.45359237 kg exactly; a slug is a pound force per foot per second squared."""
     pound_force = 0.45359237 * 9.80665
     assert pytest.approx(pound_force, rel=1e-12) == POUND
     assert pytest.approx(pound_force / 0.3048, rel=1e-12) == SLUG
