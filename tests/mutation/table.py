@@ -585,7 +585,7 @@ SCENARIOS = (
     ),
     *changes(
         "scenarios/compatibility/check.py",
-        ("tests/integration/commands/test_check_command.py",),
+        ("tests/unit/scenarios/compatibility/test_check.py",),
         ("np.sqrt(2.0 * np.maximum(", "np.sqrt(np.maximum("),
     ),
     *changes(
