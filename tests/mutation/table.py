@@ -434,6 +434,35 @@ IDENT = (
         ("wild[k] & (streak < LONGEST_SPIKE)", "wild[k] & (streak <= LONGEST_SPIKE)"),
     ),
     *changes(
+        "ident/filters/smoother.py",
+        ("tests/unit/ident/filters/test_smoother_limits.py",),
+        ("np.minimum(own, variance)", "np.maximum(own, variance)"),
+    ),
+    *changes(
+        "ident/filters/transition.py",
+        ("tests/unit/ident/filters/test_transition.py",),
+        ("dt ** (i + j + 1) / (i + j + 1)", "dt ** (i + j + 1)"),
+    ),
+    *changes(
+        "ident/regression/local_polynomial.py",
+        ("tests/unit/ident/regression/test_local_polynomial.py",),
+        ("np.maximum(1.0 - own, 1e-6)", "1.0"),
+        ("2.0 * (width - 1) * float(", "20.0 * (width - 1) * float("),
+    ),
+    *changes(
+        "ident/whole_record/layout.py",
+        ("tests/unit/ident/whole_record/test_layout.py",),
+        ("shared + r * own + np.arange(own)", "shared + (r - 1) * own + np.arange(own)"),
+    ),
+    *changes(
+        "ident/whole_record/unstable_motion.py",
+        ("tests/unit/ident/whole_record/test_unstable_motion.py",),
+        (
+            "(prior.mean[mine] - fit.theta[prior.positions[mine]])",
+            "(fit.theta[prior.positions[mine]] - prior.mean[mine])",
+        ),
+    ),
+    *changes(
         "ident/banks/bank.py",
         ("tests/unit/ident/banks/test_bank.py",),
         ("active[again.sound & (moved >= SETTLED)]", "active[again.sound]"),

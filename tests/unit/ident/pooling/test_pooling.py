@@ -75,7 +75,7 @@ def test_the_sigma_of_a_common_value_is_that_of_least_squares_and_never_less_tha
         (value,), covariance = weighted_least_squares(np.ones((n, 1)), values, sigmas**2 + found.scatter**2)
         assert (found.value, found.sigma**2) == pytest.approx((value, covariance[0, 0]))
         assert found.high - found.value == pytest.approx(student.ppf(0.975, n - 1) * found.sigma)
-        widened += found.sigma**2 > 1.01 / np.sum(1.0 / (sigmas**2 + found.scatter**2))
+        widened += bool(found.sigma**2 * np.sum(1.0 / (sigmas**2 + found.scatter**2)) > 1.01)
         exact = np.average(values, weights=sigmas**-2.0)
         assert found.p_same == pytest.approx(chi2.sf(np.sum(((values - exact) / sigmas) ** 2), n - 1))
     assert 0 < widened < 12, "both cases are met"
@@ -98,7 +98,7 @@ def test_a_trend_is_a_weighted_regression_with_students_probability(n: int) -> N
         assert found.slope_sigma == pytest.approx(np.sqrt(covariance[1, 1]))
         assert found.p_value == pytest.approx(2.0 * student.sf(abs(line[1]) / found.slope_sigma, n - 2))
         least = np.linalg.inv(design.T @ (design / variance[:, None]))[1, 1]
-        widened += found.slope_sigma**2 > 1.01 * least
+        widened += bool(found.slope_sigma**2 > 1.01 * least)
     assert 0 < widened < 12, "both cases are met"
 
 
