@@ -48,9 +48,7 @@ def test_a_flight_that_may_have_an_effect_counts_by_that_probability_and_not_twi
     covariances, values = roots @ roots.transpose(0, 2, 1), rng.standard_normal((4, 3)) + [5.0, -0.6, 2.0]
     told = probability / covariances[:, 2, 2]
     common = np.array([told @ values[:, 2] / told.sum()])
-    found = Recurrence(
-        common, np.array([[1.0 / told.sum()]]), 0.0, True, 0.9, probability, 50.0, np.zeros(4), 1e-9
-    )
+    found = Recurrence(common, np.array([[1.0 / told.sum()]]), 0.0, True, 0.9, probability, 50.0, np.zeros(4), 1e-9)
     arm = Recurring("arm", {"size": "m"}, NAMES[:4], found, values[:, 2:], np.zeros((4, 1)), {}, ())
     effects = {"arm": {"parameters": ["size"], "units": {"size": "m"}, "full": ["arm.size"]}}
     fits = [

@@ -50,13 +50,9 @@ def test_another_airspeed_is_an_aircraft_with_the_derivatives_of_that_airspeed(
 
 
 @given(number, number, number, st.floats(-60.0, 60.0))
-def test_a_change_of_airspeed_is_an_aircraft_declared_at_that_airspeed(
-    alpha: float, q: float, elevator: float, change: float
-) -> None:
+def test_a_change_of_airspeed_is_an_aircraft_declared_at_that_airspeed(alpha: float, q: float, elevator: float, change: float) -> None:
     equations = ShortPeriod()
-    moved, declared = (
-        SimpleNamespace(**{**RIGID_VALUES, "airspeed": RIGID_VALUES["airspeed"] + by}) for by in (0.0, change)
-    )
+    moved, declared = (SimpleNamespace(**{**RIGID_VALUES, "airspeed": RIGID_VALUES["airspeed"] + by}) for by in (0.0, change))
     found = []
     for p, by in ((moved, change), (declared, 0.0)):
         ports = {"airspeed_change": by, "density_change": 0.0, "gust": 0.0, "lift": 0.0, "moment": 0.0}
@@ -67,9 +63,7 @@ def test_a_change_of_airspeed_is_an_aircraft_declared_at_that_airspeed(
 
 
 @given(st.floats(-0.3, 0.3), st.floats(-0.5, 0.5), number, st.floats(-20.0, 20.0), st.floats(-0.1, 0.1))
-def test_air_loads_act_at_the_airspeed_and_turn_the_path_of_the_mass(
-    alpha: float, theta: float, q: float, headwind: float, gust: float
-) -> None:
+def test_air_loads_act_at_the_airspeed_and_turn_the_path_of_the_mass(alpha: float, theta: float, q: float, headwind: float, gust: float) -> None:
     """m V_dot = T cos(alpha) - D - m g sin(gamma), m V gamma_dot = L + T sin(alpha) - m g cos(gamma)."""
     v, speed, elevator, thrust, g = LONGITUDINAL_VALUES, 50.0, -0.04, 2000.0, 9.80665
     p, equations = SimpleNamespace(**v), Longitudinal()
