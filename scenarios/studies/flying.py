@@ -132,7 +132,7 @@ def held_alike(by_input: Mapping[str, Maneuver], plans: Sequence[ManeuverPlan], 
     Between the samples ``time`` (s) a record's inputs are all held or all linear, and read the other way a step is half a sample late.
     """
     smooth = {plan.input for plan in plans if plan.kind in SMOOTH}
-    if not smooth or all(plan.kind in SMOOTH for plan in plans):
+    if all(plan.kind in SMOOTH for plan in plans):
         return {**by_input}
     times = (EVER, *time[1:].tolist(), math.inf)
     return {**by_input, **{name: MultiStep(tuple(np.asarray(by_input[name](time)).tolist()), times) for name in smooth}}

@@ -119,3 +119,9 @@ def test_vertex_of_a_parabola(width: float, top: float, curvature: float) -> Non
     got = vertex(x, 5.0 - 0.5 * curvature * (x - top) ** 2)
     assert got == pytest.approx((top, curvature), rel=1e-6, abs=1e-9)
     assert vertex(x, x**2)[1] == 0.0
+
+
+@pytest.mark.parametrize("y", [[1.0, 0.04, 1.44], [2.0, 2.0, 2.0], [1.0, 3.0, 6.0], [0.0, np.nan, 1.0]])
+def test_three_points_without_a_maximum_have_their_middle_for_a_vertex(y: list[float]) -> None:
+    """Open upwards, a straight line, or not known: no curvature."""
+    assert vertex(np.array([-1.0, 0.2, 1.2]), np.array(y)) == (0.2, 0.0)

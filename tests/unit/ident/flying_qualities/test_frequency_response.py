@@ -37,6 +37,33 @@ def test_response_of_a_known_system(hold: Hold) -> None:
     assert found.coherence[:, strong].min() > 0.9
 
 
+@pytest.mark.parametrize("hold", list(Hold))
+def test_the_hold_is_taken_out(hold: Hold) -> None:
+    """y_dot = u - y at five samples a second: its z-transform over the transfer function of the hold, which is a sinc or its square."""
+    step, count, rng = 0.2, 6000, np.random.default_rng(4)
+    u, y = rng.standard_normal(count), np.zeros(count)
+    decay = np.exp(-step)
+    ramp = 1.0 - (1.0 - decay) / step  # what an input that rises from 0 to 1 over a step makes
+    for k in range(count - 1):
+        later = u[k + 1] if hold is Hold.LINEAR else u[k]
+        y[k + 1] = decay * y[k] + (1.0 - decay) * u[k] + ramp * (later - u[k])
+    channels = (Channel.of("stick", "1", u),), (Channel.of("q", "rad/s", y),)
+    found = estimate_response(Record(step * np.arange(count), *channels, hold), low=0.5, high=14.0, tapers=9)
+    x, z = 0.5 * found.omega * step, np.exp(1j * found.omega * step)
+    if hold is Hold.PREVIOUS:
+        expected = (1.0 - decay) / (z - decay) / (np.sin(x) / x * np.exp(-1j * x))
+    else:
+        expected = (1.0 - decay + ramp * (z - 1.0)) / (z - decay) / (np.sin(x) / x) ** 2
+    ratio = found.response[0] / expected
+    for low, high in ((0.5, 2.0), (4.0, 6.0), (9.0, 11.0), (13.0, 14.0)):
+        near = (found.omega > low) & (found.omega < high)
+        assert abs(np.mean(ratio[near]) - 1.0) < 0.02, (low, high)
+    # Below a third of the folding frequency it is the motion's own response.
+    slow = found.omega < 5.0
+    own = found.response[0, slow] * (1.0 + 1j * found.omega[slow])
+    assert abs(np.mean(own) - 1.0) < (0.02 if hold is Hold.LINEAR else 0.05)
+
+
 def test_model_response_is_the_closed_form() -> None:
     w, v = np.array([0.5, 3.0, 9.0]), LOES_VALUES
     s = 1j * w

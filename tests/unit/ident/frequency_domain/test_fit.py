@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ident.estimate import Estimate, Outcome
+from ident.frequency_domain import noise_spectrum
 from ident.frequency_domain.fit import fit_transforms
 from ident.frequency_domain.noise_spectrum import coloured, equal_bands
 from ident.frequency_domain.output_error import FrequencySettings, fit_frequency_domain, frequency_fit, from_best_start
@@ -79,6 +80,21 @@ def test_several_records_are_fitted_together() -> None:
     assert np.all(np.abs(errors(all_four, case_of("rigid"))) < 4.0)
 
 
+@pytest.mark.parametrize("missing", ["alpha", "q", "nz"])
+def test_an_output_that_no_record_has_takes_no_part(missing: str) -> None:
+    """Its noise is one by convention and no degenerate zero; the others' are what they are."""
+    case, (system, _) = case_of("rigid", 3), system_for("rigid")
+    with_all = fit_frequency_domain([case.record], system)
+    fewer = replace(case.record, outputs=tuple(c for c in case.record.outputs if c.name != missing))
+    found = fit_frequency_domain([fewer], system)
+    at = system.output_names.index(missing)
+    assert found.outcome is Outcome.CONVERGED and found.noise_std[at] == 1.0
+    assert np.delete(found.noise_std, at) == pytest.approx(np.delete(with_all.noise_std, at), rel=0.1)
+    # Another record with it: then it counts.
+    both = fit_frequency_domain([fewer, case.record], system)
+    assert both.noise_std[at] == pytest.approx(with_all.noise_std[at], rel=0.1)
+
+
 def test_an_unstable_aircraft_is_as_easy() -> None:
     record = rigid_record(np.random.default_rng(4), 4.0, values=UNSTABLE)
     system = compile_model(rigid_start(1.2, values=UNSTABLE))
@@ -142,6 +158,17 @@ def test_level_noise_is_not_split() -> None:
         residual = rng.standard_normal((3, 90)) + 1j * rng.standard_normal((3, 90))
         accused += coloured([residual], [np.ones(3, dtype=bool)], bands, np.full(3, 1e-30))
     assert accused < 3
+
+
+def test_level_noise_is_split_as_often_as_is_declared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 600 draws at a level of one in ten 60, give or take four deviations and what chi-squared misses with 30 harmonics a band."""
+    monkeypatch.setattr(noise_spectrum, "SURE", 0.1)
+    rng, accused = np.random.default_rng(10), 0
+    bands = equal_bands([np.arange(180.0)])
+    for _ in range(600):
+        residual = rng.standard_normal((3, 180)) + 1j * rng.standard_normal((3, 180))
+        accused += coloured([residual], [np.ones(3, dtype=bool)], bands, np.full(3, 1e-30))
+    assert accused / 600 == pytest.approx(0.1, abs=0.05)
 
 
 def test_a_bound_is_kept() -> None:

@@ -48,7 +48,15 @@ def marched(hold: Hold, late: dict[str, float], start: tuple[float, float]) -> t
     return time, inputs, np.array(rows).T
 
 
-@pytest.mark.parametrize(("hold", "late"), [(Hold.PREVIOUS, {}), (Hold.PREVIOUS, {"pull": 0.1, "push": 0.1725}), (Hold.LINEAR, {"pull": 0.0625})])
+@pytest.mark.parametrize(
+    ("hold", "late"),
+    [
+        (Hold.PREVIOUS, {}),
+        (Hold.PREVIOUS, {"pull": 0.1, "push": 0.1725}),
+        (Hold.PREVIOUS, {"pull": 0.0725}),  # acts on an output at once, from within an interval
+        (Hold.LINEAR, {"pull": 0.0625}),
+    ],
+)
 def test_transforms_of_a_motion_off_trim(hold: Hold, late: dict[str, float]) -> None:
     """Beginning and end are anywhere, and one vector tells them: with it nothing of the simulation's transforms is left."""
     time, inputs, outputs = marched(hold, late, (0.7, -1.1))
@@ -64,6 +72,14 @@ def test_transforms_of_a_motion_off_trim(hold: Hold, late: dict[str, float]) -> 
     ends = np.linalg.lstsq(np.concatenate([rows.real, rows.imag]), np.concatenate([left.ravel().real, left.ravel().imag]), rcond=None)[0]
     assert np.max(np.abs(left)) > 0.1, "the record does not begin and end in trim"
     assert np.max(np.abs(left - rest.by_ends @ ends)) < 2e-8 * np.max(np.abs(found.outputs))
+
+
+@pytest.mark.parametrize("count", [60, 61])
+def test_harmonics_lie_between_the_mean_and_the_folding_frequency(count: int) -> None:
+    """At both ends a transform is real: its noise has half the numbers that the likelihood counts."""
+    found = transformed(record_of(np.random.default_rng(1), count), compile_model(oscillator()), (0.0, 1e9))
+    assert found.bins.tolist() == [k for k in range(count) if 0.0 < k < 0.5 * count]
+    assert found.omega == pytest.approx(2.0 * np.pi * found.bins / (count * STEP))
 
 
 @pytest.mark.parametrize("hold", list(Hold))

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.stats import ncx2
 
 from ident.maneuver_design.decision import Decision, chance_found, decision_of
 from ident.maneuver_design.planned_flight import Planned, expected_sigmas, simulated
@@ -113,6 +114,26 @@ def test_the_difference_of_log_likelihoods_scatters_as_told() -> None:
     assert difference.std() == pytest.approx(told.std, rel=0.02)
     assert np.mean(difference > AMBIGUOUS) == pytest.approx(told.right, abs=0.02)
     assert np.mean(difference < -AMBIGUOUS) == pytest.approx(told.wrong, abs=0.02)
+
+
+@pytest.mark.parametrize("share", [0.1, 1.0, 3.0])
+def test_where_noise_levels_are_estimated_the_difference_is_that_of_logarithms(share: float) -> None:
+    """N ln(sum (e + d)^2 / sum e^2) of 300 drawn samples, d of weighted squares ``share`` N: mean and scatter over 20,000 draws."""
+    rng, count, runs = np.random.default_rng(6), 300, 20_000
+    e = rng.standard_normal((runs, count))
+    difference = count * np.log(np.sum((e + math.sqrt(share)) ** 2, axis=1) / np.sum(e**2, axis=1))
+    told = decision_of(np.array([share * count]), np.array([count]), 1e12, 2, 2)
+    assert told.mean == pytest.approx(difference.mean(), rel=0.02)
+    assert told.std == pytest.approx(difference.std(), rel=0.03)
+
+
+@pytest.mark.parametrize("own", [1, 3])
+@pytest.mark.parametrize("away", [-1.0, 0.0, 1.0])
+def test_an_effect_is_found_as_often_as_a_noncentral_chi_squared_exceeds_its_price(own: int, away: float) -> None:
+    gain = 60.0
+    limit = 2.0 * gain + own + away * math.sqrt(8.0 * gain)
+    expected = ncx2.sf(limit, own, 2.0 * gain)
+    assert chance_found(gain, own, limit - 10.0, 10.0) == pytest.approx(expected, abs=0.02)
 
 
 def test_what_leaves_nothing_decides_nothing() -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from scipy.stats import kstest
+from scipy.stats import chi2, kstest, multivariate_normal, norm
+from scipy.stats import t as student
 
 from ident.pooling.conditioning import conditioned, without_one
 from ident.pooling.false_discovery import adjusted
 from ident.pooling.random_effects import pooled
-from ident.pooling.recurrence import Evidence, recurrence
+from ident.pooling.recurrence import Evidence, _at, recurrence
 from ident.pooling.standing_out import standing_out
 from ident.pooling.trend import trend
 
@@ -52,6 +53,62 @@ def test_intervals_hold_the_truth_and_one_value_is_called_one() -> None:
         p_same.append(pooled(sigmas * rng.standard_normal(8), sigmas).p_same)
     assert np.mean(held) > 0.91  # of 95 %: 300 draws scatter by 1.3 %
     assert kstest(p_same, "uniform").pvalue > 1e-3
+
+
+def weighted_least_squares(design: np.ndarray, values: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients and covariance by the whitened problem, widened where the residuals scatter by more than ``variance``."""
+    root = 1.0 / np.sqrt(variance)
+    found, _, _, _ = np.linalg.lstsq(root[:, None] * design, root * values, rcond=None)
+    left = root * (values - design @ found)
+    factor = max(1.0, float(left @ left) / (len(values) - design.shape[1]))
+    return found, factor * np.linalg.inv((root[:, None] * design).T @ (root[:, None] * design))
+
+
+@pytest.mark.parametrize("n", [3, 5, 12])
+def test_the_sigma_of_a_common_value_is_that_of_least_squares_and_never_less_than_of_known_scatter(n: int) -> None:
+    widened = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        sigmas = np.exp(rng.normal(0.0, 1.0, n))
+        values = 3.0 + sigmas * rng.standard_normal(n) + 0.5 * rng.standard_normal(n)
+        found = pooled(values, sigmas)
+        (value,), covariance = weighted_least_squares(np.ones((n, 1)), values, sigmas**2 + found.scatter**2)
+        assert (found.value, found.sigma**2) == pytest.approx((value, covariance[0, 0]))
+        assert found.high - found.value == pytest.approx(student.ppf(0.975, n - 1) * found.sigma)
+        widened += bool(found.sigma**2 * np.sum(1.0 / (sigmas**2 + found.scatter**2)) > 1.01)
+        exact = np.average(values, weights=sigmas**-2.0)
+        assert found.p_same == pytest.approx(chi2.sf(np.sum(((values - exact) / sigmas) ** 2), n - 1))
+    assert 0 < widened < 12, "both cases are met"
+
+
+@pytest.mark.parametrize("n", [4, 5, 12])
+def test_a_trend_is_a_weighted_regression_with_students_probability(n: int) -> None:
+    widened = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        sigmas, condition = np.exp(rng.normal(0.0, 1.0, n)), rng.uniform(100.0, 200.0, n)
+        values = 2.0 + 0.01 * condition + sigmas * rng.standard_normal(n) + 0.3 * rng.standard_normal(n)
+        found = trend(values, sigmas, condition)
+        assert found is not None
+        variance = sigmas**2 + found.scatter**2
+        design = np.stack([np.ones(n), condition - found.middle], axis=1)
+        line, covariance = weighted_least_squares(design, values, variance)
+        assert (found.at_middle, found.slope) == pytest.approx((line[0], line[1]))
+        np.testing.assert_allclose(found.covariance, covariance, rtol=1e-6, atol=1e-9)
+        assert found.slope_sigma == pytest.approx(np.sqrt(covariance[1, 1]))
+        assert found.p_value == pytest.approx(2.0 * student.sf(abs(line[1]) / found.slope_sigma, n - 2))
+        least = np.linalg.inv(design.T @ (design / variance[:, None]))[1, 1]
+        widened += bool(found.slope_sigma**2 > 1.01 * least)
+    assert 0 < widened < 12, "both cases are met"
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.7, 3.0])
+def test_how_far_a_flight_is_off_counts_its_own_sigma_and_the_scatter_between_flights_once_each(scatter: float) -> None:
+    """Residuals at the quantiles of a Gaussian of variance sigma^2 + scatter^2 are off by these quantiles, whatever their common value."""
+    quantiles = norm.ppf((np.arange(101) + 0.5) / 101.0)
+    off, out = standing_out(5.0 + np.hypot(0.5, scatter) * quantiles, np.full(101, 0.5))
+    np.testing.assert_allclose(off, quantiles, rtol=0.02, atol=1e-9)
+    assert not out.any()
 
 
 def test_a_single_flight_keeps_its_own_value() -> None:
@@ -140,6 +197,23 @@ def flights(values: np.ndarray, sigmas: np.ndarray, rng: np.random.Generator) ->
     """Linear flights: each estimate with its own noise; the gain is what least squares gives over zero."""
     seen = values + sigmas * rng.standard_normal(len(values))
     return Evidence(0.5 * (seen / sigmas) ** 2, seen[:, None], (sigmas**2)[:, None, None])
+
+
+@pytest.mark.parametrize("k", [1, 2])
+def test_what_a_flight_gains_by_a_common_value_is_its_marginal_likelihood(k: int) -> None:
+    """Its own value is drawn about the common one, with a scatter that is a share of it; without the effect it is zero."""
+    rng = np.random.default_rng(14)
+    roots = rng.standard_normal((6, k, k)) + 2.0 * np.eye(k)
+    covariance = roots @ roots.transpose(0, 2, 1)
+    seen = 3.0 * rng.standard_normal((6, k))
+    best = 0.5 * np.einsum("ni,nij,nj->n", seen, np.linalg.inv(covariance), seen)
+    values, scatters = rng.standard_normal((3, k)) * 4.0, np.array([0.0, 0.2, 0.8])
+    found, _ = _at(Evidence(best, seen, covariance), values, scatters)
+    for c in range(3):
+        between = np.diag((scatters[c] * values[c]) ** 2)
+        for n in range(6):
+            having = multivariate_normal.logpdf(seen[n], values[c], covariance[n] + between)
+            assert found[c, n] == pytest.approx(having - multivariate_normal.logpdf(seen[n], np.zeros(k), covariance[n]))
 
 
 def test_an_effect_of_the_aircraft_is_told_even_where_no_flight_tells_it_alone() -> None:

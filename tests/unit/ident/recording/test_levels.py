@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from ident.recording.finding import Certainty, Finding, Kind
 from ident.recording.inspection import inspect
+from ident.recording.noise_level import _loud
+from ident.recording.zero_steps import _jumps
 from sim.record import Channel, Record
 from tests.recorded_flight import SIGMAS, Aircraft, altered, flight
 
@@ -42,6 +44,16 @@ def test_a_burst_of_six_times_the_noise_is_set_aside(sound: Record, channel: str
     (one,) = [each for each in found if each.kind is Kind.NOISE_LEVEL]
     assert (one.channel, one.certainty) == (channel, Certainty.COSTS_INFORMATION)
     assert np.mean(one.mask[loud]) > 0.9 and np.mean(one.mask[~loud]) < 0.05
+
+
+def test_the_same_samples_are_loud_when_time_runs_backwards() -> None:
+    """A fourth difference belongs to the middle one of its five samples."""
+    values = np.random.default_rng(2).standard_normal(600) * np.where(np.arange(600) // 200 == 1, 6.0, 1.0)
+    forwards = _loud(np.diff(values, 4) / math.sqrt(70.0), 2.5, 600)
+    backwards = _loud(np.diff(values[::-1], 4) / math.sqrt(70.0), 2.5, 600)
+    np.testing.assert_array_equal(backwards[::-1], forwards)
+    at = np.flatnonzero(forwards)
+    assert abs(at[0] - 200) < 15 and abs(at[-1] - 399) < 15 and len(at) == at[-1] - at[0] + 1
 
 
 def test_noise_that_is_loud_most_of_the_time_is_warned_of_and_kept(sound: Record) -> None:
@@ -102,6 +114,17 @@ def test_a_zero_that_steps_is_told_with_time_and_size(channel: str, sign: float,
     assert (one.channel, one.kind) == (channel, Kind.ZERO_STEP)
     assert one.times[0][0] == pytest.approx(record.time[613], abs=0.03)
     assert one.numbers["step"].value == pytest.approx(size, rel=0.25)
+
+
+@pytest.mark.parametrize("length", [5, 12, 25])
+def test_a_jump_forgets_level_slope_and_curvature_and_keeps_its_size(length: int) -> None:
+    """Two lines to the middle between samples; a step at another row is seen in part, which is least where it is farthest."""
+    rows, at, size = np.arange(120.0), 60, 0.4
+    assert np.max(np.abs(_jumps(3.0 - 0.2 * rows, length))) < 1e-12
+    assert np.max(np.abs(_jumps(0.01 * (rows - 60.0) ** 2, length))) < 1e-10 * 36.0
+    found = _jumps(3.0 - 0.2 * rows + 0.01 * (rows - 60.0) ** 2 + size * (rows >= at), length)
+    assert found[at - length] == pytest.approx(size) and np.argmax(np.abs(found)) == at - length
+    assert np.max(np.abs(np.delete(found, np.s_[at - 2 * length + 1 : at]))) < 1e-9
 
 
 def test_what_jumps_in_two_channels_or_returns_is_no_step_of_a_zero(sound: Record) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.recording.control import ControlPower, control_power, sure
+from ident.recording.control import ControlPower, _fitted, control_power, sure
 from ident.recording.finding import Certainty, Expectations, Finding, Kind
 from ident.recording.inspection import inspect
 from ident.recording.motion import columns_of, disagreement
@@ -194,3 +194,18 @@ def test_a_very_late_vane_in_rough_air_turns_no_sign_of_the_control(seed: int) -
 def test_a_control_power_that_the_other_sign_explains_nearly_as_well_is_not_sure() -> None:
     assert sure(ControlPower(-40.0, 2.0, 0.95, 0.7)) and not sure(ControlPower(-40.0, 2.0, 0.93, 0.81))
     assert not sure(ControlPower(-40.0, 6.0, 0.95, 0.0)) and not sure(ControlPower(-40.0, 2.0, 0.75, 0.0))
+
+
+@pytest.mark.parametrize("lag", [1, 4, 9])
+def test_the_sigma_of_a_control_power_counts_the_samples_of_a_lag_once(lag: int) -> None:
+    """Each row repeated ``lag`` times tells no more; of single rows it is ordinary least squares."""
+    rng = np.random.default_rng(1)
+    first, second, moved = rng.standard_normal((3, 80))
+    change = 0.3 * first - 0.7 * second - 4.0 * moved + 0.5 + 0.2 * rng.standard_normal(80)
+    rows = np.stack([first, second, moved, np.ones(80)], axis=1)
+    coefficients, (left,), _, _ = np.linalg.lstsq(rows, change, rcond=None)
+    sigma = float(np.sqrt(left / 80 * np.linalg.inv(rows.T @ rows)[2, 2]))
+    found = _fitted(np.repeat(change, lag), [np.repeat(each, lag) for each in (first, second)], np.repeat(moved, lag), lag)
+    assert found is not None
+    assert (found.value, found.std) == pytest.approx((coefficients[2], sigma))
+    assert found.explained == pytest.approx(1.0 - left / np.sum((change - change.mean()) ** 2))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.statistics.local_level import levelled
+from ident.statistics.local_level import _differences, levelled
 from ident.statistics.residuals import ljung_box
 
 RUNS = 150
@@ -37,6 +37,25 @@ def plain_box(series: np.ndarray, lags: int = 25) -> float:
     centred, n = series - series.mean(), len(series)
     total = float(np.sum(centred**2))
     return n * (n + 2) * sum((float(np.sum(centred[k:] * centred[: n - k])) / total) ** 2 / (n - k) for k in range(1, lags + 1))
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_differences_of_white_noise_have_its_own_level_and_none_of_a_slope(order: int) -> None:
+    impulse = np.zeros(30)
+    impulse[12] = 1.0
+    assert np.sum(_differences(impulse, order) ** 2) == pytest.approx(1.0)
+    assert np.max(np.abs(_differences(3.0 - 0.2 * np.arange(30.0), order))) < 1e-12
+
+
+@pytest.mark.parametrize("count", [60, 300])
+def test_of_even_noise_the_statistic_is_that_of_ljung_and_box_on_the_samples_that_are_known(count: int) -> None:
+    rng = np.random.default_rng(6)
+    series, valid = rng.normal(2.0, 3.0, count), np.ones(count, dtype=bool)
+    lags = min(25, count // 5)
+    assert ljung_box(series, valid, "q").statistic == pytest.approx(plain_box(series, lags))
+    holed = np.insert(series, 7, 1e6)
+    known = np.insert(valid, 7, False)
+    assert ljung_box(holed, known, "q").statistic == pytest.approx(plain_box(series, lags))
 
 
 def test_a_burst_is_no_colour() -> None:

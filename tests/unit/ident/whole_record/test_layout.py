@@ -25,6 +25,25 @@ def test_initial_states_begin_at_the_first_samples_behind_each_records_biases() 
         assert [start[f"bias_{name}, record {number}"] for name in ("alpha", "q", "nz")] == [0.0, 0.0, 0.0]
 
 
+@pytest.mark.parametrize("local", [(), ("Cm_q",)])
+def test_each_record_sees_the_shared_unknowns_and_its_own(local: tuple[str, ...]) -> None:
+    """By their names, and by what a change of each of them changes."""
+    records = [rigid_record(np.random.default_rng(seed), 1.0) for seed in (1, 2, 3)]
+    system = compile_model(rigid_model(RIGID_VALUES).with_biases(("alpha",)))
+    layout = lay_out(records, system, FitSettings(), local=local)
+    every = np.arange(1.0, len(layout.names) + 1.0)
+    for r in range(3):
+        seen = [layout.names[position] for position in layout.columns(r)]
+        mine = [*layout.local, "alpha(0)", "q(0)"]
+        assert seen == [*layout.shared, *(f"{name}, record {r + 1}" for name in mine)]
+        p, x0 = layout.split(every, r)
+        by_name = dict(zip(layout.names, every, strict=True))
+        assert x0.tolist() == [by_name[f"{name}(0), record {r + 1}"] for name in ("alpha", "q")]
+        for name in (*layout.shared, *layout.local):
+            full = name if name in layout.shared else f"{name}, record {r + 1}"
+            assert p[system.parameters.index(name)] == by_name[full]
+
+
 def test_masks_set_samples_aside_and_bring_none_back() -> None:
     record = rigid_record(np.random.default_rng(3), 2.0)
     values = record["q"].values.copy()

@@ -11,14 +11,15 @@ from ident.estimate import Outcome
 from ident.regression.equation_error import run_equation_error
 from ident.whole_record.best_start import fit_from_best_start, quiet, runs_away
 from ident.whole_record.fit_problem import FitProblem
-from ident.whole_record.gauss_newton import evaluate, fit_whole_records
+from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import fit_covariance, fit_output_error
-from ident.whole_record.unstable_motion import GROWN, fit_unstable, growth, projected_covariance
+from ident.whole_record.unstable_motion import GROWN, fit_projected, fit_unstable, growth, projected_covariance
 from sim.declaration.compile import compile_model
+from sim.declaration.parameters import Parameter, ParameterSet
 from sim.record import Channel, Record
 from tests.bases import fly, rigid_flight, rigid_model
-from tests.rigid_problem import noisy, rigid_record
+from tests.rigid_problem import noisy, rigid_record, rigid_start
 from tests.turbulence import calm_model
 from tests.unstable_flight import DERIVATIVES, FIGHTER, fighter, fighter_start, flown_in_a_loop
 
@@ -45,6 +46,31 @@ def test_growth_is_that_of_the_fastest_root() -> None:
     stable = lay_out([rigid_record(np.random.default_rng(0))], compile_model(rigid_model()), SETTINGS)
     begun = evaluate(FitProblem(stable), stable.start, stable.guesses(stable.start))
     assert growth(stable) == 0.0 and quiet(stable) and begun is not None and not runs_away(begun)
+
+
+def test_priors_pull_a_projected_fit_as_they_pull_any_other() -> None:
+    """On derivatives, and on initial states that are declared some sigmas from where the record begins."""
+    model = rigid_start(1.1)
+    starts = (Parameter("alpha", 0.004, "rad", prior_std=5e-4), Parameter("q", -0.006, "rad/s", prior_std=1e-3))
+    system = compile_model(model.with_initial(ParameterSet(starts)))
+    layout = lay_out([rigid_record(np.random.default_rng(5))], system, FitSettings(0.02, use_priors=True))
+    free = fit_whole_records(FitProblem(replace(layout, prior=None)))
+    plain, projected = fit_whole_records(FitProblem(layout)), fit_projected(layout)
+    assert free is not None and plain is not None and projected is not None
+    sigma = np.sqrt(np.diag(np.linalg.inv(plain.normal_equations()[0])))
+    assert np.max(np.abs((projected.theta - plain.theta) / sigma)) < 0.02
+    assert np.min(np.abs((free.theta - plain.theta) / sigma)[-2:]) > 0.5, "else no prior would show"
+    # The information of the shared parameters is that of the whole problem, the record's own unknowns projected out.
+    covariance, determined = projected_covariance(with_white_residuals(projected))
+    whole, _ = fit_covariance(with_white_residuals(plain))
+    assert determined and np.sqrt(np.diag(covariance)) == pytest.approx(np.sqrt(np.diag(whole))[: len(covariance)], rel=1e-2)
+
+
+def with_white_residuals(fit: Fit) -> Fit:
+    """The fit with a covariance for white residuals."""
+    layout = fit.problem.layout
+    plain = replace(layout, settings=replace(layout.settings, coloured=False))
+    return replace(fit, problem=replace(fit.problem, layout=plain))
 
 
 def test_a_start_whose_growth_is_beyond_all_numbers_ends() -> None:

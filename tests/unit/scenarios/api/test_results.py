@@ -11,6 +11,7 @@ import pytest
 import flightid as fid
 from ident.tracing.diagnosis import Verdict
 from scenarios.api.shown import html
+from scenarios.api.shown.parameters import Parameter
 from tests.diagnoses import diagnosis_of, measured_record, proven_tracing, tracing_of
 
 SHORT = 1000  # letters
@@ -131,3 +132,9 @@ def test_the_longest_names_leave_a_repr_short() -> None:
     assert len(repr(found)) < SHORT
     columns = {"time": [0.0, 1.0], **{f"{'x' * 40}{number}": [0.0, 1.0] for number in range(60)}}
     assert len(repr(fid.read_record(columns))) < SHORT
+
+
+@pytest.mark.parametrize(("value", "sigma", "ends"), [(1.0, 0.1, (0.8, 1.2)), (-3.0, 0.5, (-4.0, -2.0))])
+def test_the_interval_of_a_parameter_is_two_sigmas_to_either_side(value: float, sigma: float, ends: tuple[float, float]) -> None:
+    found = Parameter("Cm_q", value, sigma, "1/rad")
+    assert found.interval == pytest.approx(ends) and float(found) == value

@@ -142,3 +142,9 @@ def test_sections_without_content_are_left_out() -> None:
     with pytest.raises(ModelError, match="no tone"):
         replace(PAGE, tone="loud")
     assert isinstance(PAGE, Page)
+
+
+@pytest.mark.parametrize(("value", "text"), [(0.0, "+0.00"), (0.2, "+0.20"), (-0.2, "−0.20")])
+def test_a_signed_number_has_a_sign_at_zero_as_well(value: float, text: str) -> None:
+    assert Number(value, digits=2, signed=True).text == text
+    assert Number(value, digits=2).text == text.lstrip("+")

@@ -73,6 +73,10 @@ def test_fit_shows_response_truth_and_residual(rigid: Study) -> None:
     residual = np.asarray(below.lines[-1].get_ydata(), dtype=float)
     assert np.allclose(residual[channel.valid], DEGREES * rigid.history.innovation[0, channel.valid], rtol=0, atol=1e-12)
     assert np.all(np.isnan(residual[~channel.valid]))
+    (band,) = [patch for patch in below.patches if patch.get_label() == "±2σ of the sensor noise"]
+    ends = band.get_extents().transformed(below.transData.inverted())
+    assert (ends.y0, ends.y1) == pytest.approx((-2.0 * DEGREES * 0.002, 2.0 * DEGREES * 0.002))
+    assert not [patch for patch in figure.axes[3].patches if "sensor noise" in str(patch.get_label())]
 
 
 def test_fit_leaves_out_channels_of_which_no_response_speaks(rigid: Study) -> None:

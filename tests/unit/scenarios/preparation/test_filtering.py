@@ -39,6 +39,23 @@ def test_amplitude_is_butterworths_squared_and_phase_none(frequency: float, corn
     assert "low-pass" in said and record.hold is Hold.LINEAR
 
 
+@pytest.mark.parametrize("rate", [10.0, 12.5])
+def test_a_new_rate_has_its_corner_at_eight_tenths_of_half_of_it_so_that_nothing_folds_back(rate: float) -> None:
+    def left(frequency: float, plan: Plan) -> float:
+        record, _ = filtered(sine(frequency), plan)
+        inside = record["q"].values[(record.time > 10.0) & (record.time < 30.0)]
+        return float(np.sqrt(2.0 * np.mean(inside**2))) / 2.0
+
+    corner = 0.5 * 0.8 * rate
+    assert left(corner, Plan(rate=rate)) == pytest.approx(0.5, abs=0.02)
+    assert left(0.25 * corner, Plan(rate=rate)) == pytest.approx(1.0, abs=0.01)
+    # What would show as a frequency of the motion, a tenth of the new rate: by Butterworth's formula.
+    assert left(0.9 * rate, Plan(rate=rate)) < 2e-3
+    # Of two corners the lower one acts.
+    assert left(2.0, Plan(rate=rate, lowpass=2.0)) == pytest.approx(0.5, abs=0.01)
+    assert left(corner, Plan(rate=rate, lowpass=2.0 * corner)) == pytest.approx(0.5, abs=0.02)
+
+
 def test_without_a_filter_the_record_is_the_same_object() -> None:
     record = sine(1.0)
     assert filtered(record, Plan()) == (record, "")

@@ -17,7 +17,7 @@ from scenarios.preparation.load_factor import with_load_factors
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.preparation.reading import prepare
 from sim.errors import RecordError
-from sim.record import Hold
+from sim.record import Channel, Hold, Record
 from tests.oracles.falling_speed import FallingSpeed, fly_falling
 from tests.preparing import OUTPUTS, declared, noisy, record_of, write_flown
 
@@ -56,6 +56,27 @@ def test_nz_that_is_there_is_taken_and_a_broken_az_is_not_looked_at(tmp_path: Pa
     (tmp_path / "up.csv").write_text("time,elevator,az [g]\n0,0,2\n1,0,2\n")
     with pytest.raises(RecordError, match=r"up.csv, channel az: the middle of az is \+19.6 m/s2, but az is positive down: -9.81"):
         with_load_factors(read_record(tmp_path / "up.csv", ["elevator"], OUTPUTS, instead={"nz": "az"}))
+
+
+@pytest.mark.parametrize(("level", "refused"), [(-1.0, True), (-0.7, True), (-0.6, False), (0.0, False), (1.0, False)])
+def test_an_accelerometer_that_reads_inverted_flight_is_refused(level: float, refused: bool) -> None:
+    """One g the wrong way round, give or take the half that a scale or a steady pull makes of it; no g is a record of changes."""
+    time = np.arange(50) * 0.1
+    record = Record(time, (), (Channel.of("az", "m/s2", -9.80665 * level + np.sin(7.0 * time)),), name="r.csv")
+    if refused:
+        with pytest.raises(RecordError, match="az is positive down"):
+            with_load_factors(record)
+        return
+    made, _ = with_load_factors(record)
+    assert np.median(made["nz"].values) == pytest.approx(level, abs=0.05)
+
+
+def test_lateral_and_axial_accelerometers_keep_their_sign_and_are_never_refused() -> None:
+    time = np.arange(20) * 0.1
+    forces = {"ay": np.full(20, -15.0), "ax": np.full(20, -9.80665), "az": np.full(20, -19.6133)}
+    made, told = with_load_factors(Record(time, (), tuple(Channel.of(name, "m/s2", row) for name, row in forces.items())))
+    assert {name: made[name].values[3] for name in made.output_names} == pytest.approx({"ny": -15.0 / 9.80665, "nx": -1.0, "nz": 2.0})
+    assert [sentence.partition(": ")[2] for sentence in told] == ["nz is -az/9.80665", "ny is ay/9.80665", "nx is ax/9.80665"]
 
 
 def test_further_channels_that_cannot_be_read_as_such_count_as_absent(tmp_path: Path) -> None:

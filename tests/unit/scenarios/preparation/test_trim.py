@@ -28,6 +28,15 @@ def test_an_input_that_rests_first_and_last_is_in_trim_though_the_aircraft_settl
     assert trim_sentence(record, "elevator") == ""
 
 
+def test_a_sample_that_is_on_its_way_to_the_first_move_is_no_rest() -> None:
+    """A surface that the recorder caught at the begin of its move, within a twentieth of the span."""
+    moving = PULSES - 0.04
+    moving[np.flatnonzero(PULSES)[0] - 1] += 0.003
+    record, trims = about_trim(record_of(moving, 0.1 * PULSES))
+    assert trims == {"elevator": pytest.approx(-0.04, abs=1e-12)}
+    assert np.max(np.abs(record["elevator"].values[:39])) < 1e-12
+
+
 def test_a_maneuver_that_begins_with_the_record_has_no_trim() -> None:
     step = np.where(TIME < 1.0, 0.04, np.where(TIME < 2.0, -0.04, 0.0))
     record = record_of(step, np.minimum(TIME, 1.0))

@@ -8,8 +8,9 @@ from scipy.linalg import null_space
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
+from ident.pooling.recurrence import Recurrence
 from scenarios.survey.derivatives import TOLD, effects_over, estimates, over_flights
-from scenarios.survey.recurring import recurring
+from scenarios.survey.recurring import Recurring, recurring
 from tests.unit.scenarios.survey.made_up import DECLARED, TRUE, UNITS, flown, kept
 
 COUNT = 14
@@ -38,6 +39,34 @@ def test_derivatives_are_those_of_one_fit_of_all_samples(parameters: int) -> Non
             assert mine[name][0] == pytest.approx(joint[at], abs=1e-4)
             assert mine[name][1] == pytest.approx(np.sqrt(inverse[at, at]), rel=1e-3)
     assert found[0].found.value == pytest.approx(joint[2 * COUNT :], abs=1e-4)
+
+
+def test_a_flight_that_may_have_an_effect_counts_by_that_probability_and_not_twice() -> None:
+    """Informations add up: a flight's own, whole, and of each other flight on the effect the share that its probability is."""
+    rng, probability = np.random.default_rng(4), np.array([0.97, 0.6, 0.8, 0.99])
+    roots = rng.standard_normal((4, 3, 3)) + 2.0 * np.eye(3)
+    covariances, values = roots @ roots.transpose(0, 2, 1), rng.standard_normal((4, 3)) + [5.0, -0.6, 2.0]
+    told = probability / covariances[:, 2, 2]
+    common = np.array([told @ values[:, 2] / told.sum()])
+    found = Recurrence(common, np.array([[1.0 / told.sum()]]), 0.0, True, 0.9, probability, 50.0, np.zeros(4), 1e-9)
+    arm = Recurring("arm", {"size": "m"}, NAMES[:4], found, values[:, 2:], np.zeros((4, 1)), {}, ())
+    effects = {"arm": {"parameters": ["size"], "units": {"size": "m"}, "full": ["arm.size"]}}
+    fits = [
+        {
+            "declared": [*DECLARED],
+            "effects": effects,
+            "sets": {"arm": {"names": [*DECLARED, "arm.size"], "estimate": value.tolist(), "covariance": covariance.tolist()}},
+        }
+        for value, covariance in zip(values, covariances, strict=True)
+    ]
+    mine = estimates(NAMES[:4], fits, [arm], [frozenset({"arm"})] * 4)
+    for number in range(4):
+        others = [i for i in range(4) if i != number]
+        information, at = np.linalg.inv(covariances[number]), np.zeros((3, 3))
+        at[2, 2] = told[others].sum()
+        pull = information @ values[number] + [0.0, 0.0, told[others] @ values[others, 2]]
+        expected, sigma = np.linalg.solve(information + at, pull), np.sqrt(np.diag(np.linalg.inv(information + at)))
+        assert list(mine[number].values()) == [pytest.approx((expected[k], sigma[k])) for k in range(2)]
 
 
 def test_a_flight_without_a_fit_says_nothing() -> None:

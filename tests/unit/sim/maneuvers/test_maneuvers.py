@@ -66,6 +66,17 @@ def test_breakpoints_are_in_order_and_hold_fits(name: str) -> None:
     assert maneuver.hold is (Hold.LINEAR if name in SMOOTH or name == "sum" else Hold.PREVIOUS)
 
 
+@pytest.mark.parametrize("name", ALL)
+def test_before_is_the_limit_from_the_left_everywhere(name: str) -> None:
+    """At a switch the old value, elsewhere the value itself."""
+    maneuver = ALL[name]
+    for t in (*maneuver.breakpoints, *np.linspace(-0.5, 15.0, 63)):
+        # Smooth ones move by less than 0.3 a second; the difference of a switch is at least 0.05.
+        assert float(maneuver.before(t)) == pytest.approx(float(maneuver(t - 1e-6)), abs=1e-5)
+    steps = [t for t in maneuver.breakpoints if abs(float(maneuver(t)) - float(maneuver.before(t))) > 0.04]
+    assert steps or name in SMOOTH
+
+
 def test_three_two_one_one_has_its_levels_and_times() -> None:
     maneuver = three_two_one_one(0.1, 0.5, 1.0)
     assert maneuver.times == (1.0, 2.5, 3.5, 4.0, 4.5)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.effects.dynamics.derivative_jump import DerivativeJump
@@ -89,6 +90,23 @@ def test_motion_is_that_of_a_solver_at_the_end_of_double_precision(case: str) ->
     truth = flown(model, by_input, time)
     assert (truth.method, truth.step) == (method, None)
     assert error(truth, reference(model, by_input, time)) < (TOLERANCE if method == SMOOTH else 1e-11)
+
+
+@pytest.mark.parametrize(("bent", "method"), [(0.0, EXACT), (1e-7, SMOOTH), (1e-3, SMOOTH)])
+def test_a_spring_that_stiffens_by_a_ten_millionth_is_not_taken_for_linear(bent: float, method: str) -> None:
+    model = own_model(
+        "spring",
+        states={"x": "m", "v": "m/s"},
+        inputs={"force": "m/s2"},
+        outputs={"x": "m"},
+        parameters={"stiffness": (4.0, "1/s2")},
+        rates=lambda s, p: {"x": s.v, "v": s.force - p.stiffness * s.x - bent * s.x * s.x * s.x},
+        readings=lambda s, p: {"x": s.x},
+    ).with_noise(Noise())
+    push: dict[str, Maneuver] = {"force": three_two_one_one(4.0, 0.5, 1.0)}
+    truth = flown(model, push)
+    assert truth.method == method
+    assert error(truth, reference(model, push, TIME)) < TOLERANCE
 
 
 def test_outputs_are_those_of_the_motion_just_after_a_switch() -> None:

@@ -20,10 +20,13 @@ from sim.vehicles.data import VehicleData
 from sim.vehicles.factory import ballistic_model, flexible_model, model_from_constants, rigid_model
 from sim.vehicles.flexibility import degree
 from sim.vehicles.flexibility.static_condensation import condense
+from sim.vehicles.flexibility.stiffness import with_frequency_factor
 from sim.vehicles.library import read_parameter_set
 from sim.vehicles.linear import held_response, linearise
 from sim.vehicles.loes import Loes
-from tests.bases import LOES_CONSTANTS, LOES_VALUES
+from sim.vehicles.longitudinal import Longitudinal
+from sim.vehicles.short_period import ShortPeriod
+from tests.bases import LOES_CONSTANTS, LOES_VALUES, LONGITUDINAL_VALUES, RIGID_VALUES
 from tests.oracles.loes import rates_and_readings
 
 OFFSETS = {"L_0": 0.003, "M_0": -0.05, "delta_0": 0.2, "nz_0": 1.0}
@@ -44,6 +47,52 @@ def test_another_airspeed_is_an_aircraft_with_the_derivatives_of_that_airspeed(
     s = SimpleNamespace(**vars(s), **equations.flow(s, p))
     np.testing.assert_allclose(equations.derivatives(s, p), rates, rtol=1e-11, atol=1e-10)
     np.testing.assert_allclose(equations.measurements(s, p), readings, rtol=1e-11, atol=1e-10)
+
+
+@given(number, number, number, st.floats(-60.0, 60.0))
+def test_a_change_of_airspeed_is_an_aircraft_declared_at_that_airspeed(alpha: float, q: float, elevator: float, change: float) -> None:
+    equations = ShortPeriod()
+    moved, declared = (SimpleNamespace(**{**RIGID_VALUES, "airspeed": RIGID_VALUES["airspeed"] + by}) for by in (0.0, change))
+    found = []
+    for p, by in ((moved, change), (declared, 0.0)):
+        ports = {"airspeed_change": by, "density_change": 0.0, "gust": 0.0, "lift": 0.0, "moment": 0.0}
+        s = SimpleNamespace(alpha=alpha, q=q, elevator=elevator, **ports)
+        s = SimpleNamespace(**vars(s), **equations.flow(s, p))
+        found.append([*equations.derivatives(s, p), *equations.measurements(s, p)])
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-12, atol=1e-12)
+
+
+@given(st.floats(-0.3, 0.3), st.floats(-0.5, 0.5), number, st.floats(-20.0, 20.0), st.floats(-0.1, 0.1))
+def test_air_loads_act_at_the_airspeed_and_turn_the_path_of_the_mass(alpha: float, theta: float, q: float, headwind: float, gust: float) -> None:
+    """m V_dot = T cos(alpha) - D - m g sin(gamma), m V gamma_dot = L + T sin(alpha) - m g cos(gamma)."""
+    v, speed, elevator, thrust, g = LONGITUDINAL_VALUES, 50.0, -0.04, 2000.0, 9.80665
+    p, equations = SimpleNamespace(**v), Longitudinal()
+    ports = {"headwind": headwind, "gust": gust, "drag": 0.001, "lift": 0.02, "moment": 0.003}
+    s = SimpleNamespace(airspeed=speed, alpha=alpha, theta=theta, q=q, elevator=elevator, thrust=thrust, **ports)
+    s = SimpleNamespace(**vars(s), **equations.flow(s, p))
+    V_dot, alpha_dot, theta_dot, q_dot = equations.derivatives(s, p)
+    air, seen, gamma = speed + headwind, alpha + gust, theta - alpha
+    ratio, rate = air / v["reference_airspeed"], q * v["chord"] / (2.0 * v["reference_airspeed"])
+    CD = v["CD_0"] + v["CD_V"] * ratio + v["CD_alpha"] * seen + 0.001
+    CL = v["CL_0"] + v["CL_V"] * ratio + v["CL_alpha"] * seen + v["CL_q"] * rate + v["CL_de"] * elevator + 0.02
+    Cm = v["Cm_0"] + v["Cm_V"] * ratio + v["Cm_alpha"] * seen + v["Cm_q"] * rate + v["Cm_de"] * elevator + 0.003
+    qS, m = 0.5 * v["air_density"] * air**2 * v["wing_area"], v["mass"]
+    along = thrust * math.cos(alpha) - qS * CD - m * g * math.sin(gamma)
+    across = qS * CL + thrust * math.sin(alpha) - m * g * math.cos(gamma)
+    assert m * V_dot == pytest.approx(along, rel=1e-9, abs=1e-6)
+    assert m * speed * (theta_dot - alpha_dot) == pytest.approx(across, rel=1e-9, abs=1e-6)
+    assert v["pitch_inertia"] * q_dot == pytest.approx(qS * v["chord"] * Cm + thrust * v["thrust_arm"], rel=1e-9)
+    read = dict(zip((signal.name for signal in equations.outputs), equations.measurements(s, p), strict=True))
+    body_x = thrust + qS * (CL * math.sin(alpha) - CD * math.cos(alpha))
+    body_z = -qS * (CL * math.cos(alpha) + CD * math.sin(alpha))
+    assert (read["airspeed"], read["alpha"], read["theta"], read["q"]) == pytest.approx((air, seen, theta, q))
+    assert (read["nx"], read["nz"]) == pytest.approx((body_x / (m * g), -body_z / (m * g)))
+
+
+@pytest.mark.parametrize("factor", [0.5, 3.0])
+def test_a_stiffer_structure_has_all_modal_frequencies_by_one_factor_and_nothing_else(factor: float) -> None:
+    data = read_parameter_set("bomber_ac1")
+    assert with_frequency_factor(data, factor).values == pytest.approx(stiffened(factor).values, rel=1e-12)
 
 
 @given(altitude=st.floats(0.0, 60000.0), velocity=st.floats(-2000.0, 2000.0))

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.diagnosis import Candidate
+from ident.tracing.selection import refitting
 from ident.tracing.selection.criterion import gain
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.selection.refitting import refitted
@@ -73,3 +77,53 @@ def test_other_masks_leave_no_stale_candidate() -> None:
     # Gains are those on the new samples, and refitting spends nothing of the search's means.
     told = next(candidate for candidate in fresh.evidence if candidate.name == "sensor-lag:q")
     assert told.gain == pytest.approx(declared.fit.cost - one.fit.cost) and fresh.spent == ledger.spent
+
+
+def scored(sets: dict[str, float]) -> Any:
+    """A ledger of sets by their effects' letters, each with its score; the score of a model is that of its letters."""
+    return SimpleNamespace(
+        models={frozenset(letters): letters for letters in sets},
+        score=lambda letters: sets[letters],
+        problem=SimpleNamespace(settings=SimpleNamespace(accept=0.0)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("others", "parent"),
+    [
+        ({"": 90.0, "A": 30.0, "B": 20.0, "C": 10.0}, "B"),  # the best of its parents, of which C is none
+        ({"": 90.0, "B": 20.0, "A": 30.0}, "B"),  # in whatever order
+        ({"": 10.0, "A": 30.0}, "A"),  # one effect smaller, not two
+        ({"": 50.0, "AC": 10.0, "ABC": 5.0, "C": 7.0}, ""),  # none was fitted: the declared model
+    ],
+)
+def test_a_refitted_set_is_scored_from_the_best_of_its_parents(others: dict[str, float], parent: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def gained(one: str, _child: object, _accept: float) -> float:
+        asked.append(one)
+        return 4.0
+
+    monkeypatch.setattr(refitting, "gain", gained)
+    fitted: Any = SimpleNamespace(criterion=77.0)
+    assert refitting._score(scored(others), frozenset("AB"), fitted) == others[parent] - 4.0 and asked == [parent]
+
+
+def test_a_declared_model_that_is_refitted_has_its_criterion_for_a_score() -> None:
+    fitted: Any = SimpleNamespace(criterion=77.0)
+    assert refitting._score(scored({}), frozenset(), fitted) == 77.0
+
+
+def test_evidence_on_other_samples_is_twice_the_gain_against_chi_square(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One parameter and 2 x 1.9207 of twice the log-likelihood: the 5 % point of chi-square; 2 x 2.9957 with two parameters."""
+
+    def model(cost: float, added: int) -> Any:
+        return SimpleNamespace(fit=SimpleNamespace(cost=cost), added=added)
+
+    for added, gained in ((1, 1.9207294103), (2, 2.9957322736)):
+        models = {frozenset("A"): model(10.0, 1), frozenset("AB"): model(10.0 - gained, 1 + added)}
+        candidate = Candidate(1, ("A",), "B", 99.0, 0.9, True, True, {})
+        found = refitting._gained_now(candidate, models)
+        assert found.gain == pytest.approx(gained) and found.p_value == pytest.approx(0.05, rel=1e-6)
+        worse = {**models, frozenset("AB"): model(11.0, 1 + added)}
+        assert refitting._gained_now(candidate, worse).p_value == 1.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.studies.campaign_statistics.bound import _passes, bound_of
+from scenarios.studies.campaign_statistics.bound import Bound, _passes, bound_of
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.flying import fly_scenario
 from scenarios.studies.runs.work import EstimatorRuns
@@ -52,6 +52,21 @@ def test_with_process_noise_the_bound_is_wider_and_without_nearly_any_it_is_the_
     calm = bound(0.0)
     np.testing.assert_allclose(bound(1e-14), calm, rtol=2e-2)  # by a filter, which linearises sample by sample
     assert np.all(bound(1e-5) > 1.3 * calm)
+
+
+@pytest.mark.parametrize(("data", "prior"), [(3.0, 1.0), (1.0, 9.0), (5.0, 0.0)])
+def test_the_share_of_a_prior_is_that_of_the_information(data: float, prior: float) -> None:
+    """Of one unknown: P = 1/(F + P0), scattering by P F P; a prior that narrows anew counts for none of a larger scatter."""
+    whole = data + prior
+    bound = Bound(
+        ("a", "b"),
+        np.full(2, data**-0.5),
+        np.array([np.sqrt(data) / whole, 2.0 / np.sqrt(whole)]),
+        np.zeros(2),
+        np.full(2, whole**-0.5),
+        np.eye(2),
+    )
+    assert bound.prior_share == pytest.approx([prior / whole, 0.0])
 
 
 @pytest.mark.parametrize(("passes", "spread"), [(1, np.inf), (3, np.inf), (3, 20.0), (4, 2.0)])

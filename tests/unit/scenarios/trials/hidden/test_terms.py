@@ -100,11 +100,16 @@ def test_what_a_vane_reads() -> None:
 def test_drag_of_a_falling_body() -> None:
     assert increments("own:drag-decay", {"time": 10.0}, rate=0.02) == {"log_drag": 0.2}
     assert increments("own:drag-rhythm", {"time": 1.0}, size=0.3, frequency=0.5 * math.pi)["log_drag"] == pytest.approx(0.3)
-    assert increments("own:density-layer", {"altitude": 20000.0}, size=0.3, middle=18000.0, depth=2000.0)["log_density"] == pytest.approx(
-        0.3 / math.e
-    )
     for speed, told in ((3.5 * 300.0, 0.0), (-(3.5 + 0.8) * 300.0, 0.3 / math.sqrt(2.0))):
         assert increments("own:mach-drag", {"velocity": speed}, size=0.3, middle=3.5, width=0.8)["log_drag"] == pytest.approx(told)
+
+
+@pytest.mark.parametrize("depths", [-2.0, -1.0, 0.0, 0.5, 1.0, 3.0])
+def test_a_layer_of_air_is_a_bell_of_its_depth_about_its_middle(depths: float) -> None:
+    """Thickest in the middle, by 1/e less a depth above and below, 1/e^4 two depths away."""
+    air = {"size": 0.3, "middle": 18000.0, "depth": 2500.0}
+    found = increments("own:density-layer", {"altitude": 18000.0 + 2500.0 * depths}, **air)
+    assert found == {"log_density": pytest.approx(0.3 * math.exp(-(depths**2)), rel=1e-12)}
 
 
 def test_drag_outside_of_the_bucket() -> None:

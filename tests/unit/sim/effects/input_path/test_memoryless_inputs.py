@@ -9,8 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sim.declaration.proposal import SearchContext
+from sim.effects.input_path.actuator_rate_limit import ActuatorRateLimit
 from sim.effects.input_path.actuator_saturation import ActuatorSaturation
+from sim.effects.input_path.input_backlash import InputBacklash
 from sim.effects.input_path.input_deadband import InputDeadband
+from sim.effects.instances import large_input
 from sim.maths.elementary import COMPLEX_STEP
 
 numbers = st.floats(-1e3, 1e3)
@@ -57,3 +61,22 @@ def test_batches_and_scalars_are_one_by_one(effect: InputDeadband | ActuatorSatu
         np.testing.assert_array_equal(full[:, i], effect.act(EDGES, many, p))
         np.testing.assert_array_equal(full[:, i, 1], [effect.pass_on(value, (), p) for value in many[:, 1]])
         assert effect.rates(0.3, (), p) == () and effect.online_states == ()
+
+
+@pytest.mark.parametrize(
+    ("kind", "share"),
+    [(ActuatorRateLimit, 3.0), (ActuatorSaturation, 0.5), (InputBacklash, 0.05), (InputDeadband, 0.1)],
+)
+@pytest.mark.parametrize("peak", [0.02, 1.0, 4e5])
+def test_where_a_unit_does_not_say_what_is_large_the_records_peak_does(kind: type, share: float, peak: float) -> None:
+    """As an effect on a surface begins at a share of a large deflection, one on a valve or a price begins at that share of its peak."""
+    context = SearchContext(0.0, 9.0, 0.02, input_peak={"valve": peak, "elevator": 9.0})
+    unknown = kind("valve", "m3/s", share * large_input("m3/s"), sized=False).fitted_to(context)
+    assert unknown.typical == pytest.approx(share * peak)
+    assert unknown.parameters[0].value == unknown.typical
+    low, high = unknown.traits.plausible[unknown.parameters[0].name]
+    assert low <= unknown.typical <= high
+    surface = kind("elevator", "rad", share * large_input("rad"))
+    assert surface.fitted_to(context) is surface
+    still = kind("valve", "m3/s", sized=False)
+    assert still.fitted_to(SearchContext(0.0, 9.0, 0.02, input_peak={"valve": 0.0})) is still

@@ -12,6 +12,7 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import SearchContext
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
+from sim.effects.library import find_effect
 from sim.effects.sensor_path.accelerometer_offset import AccelerometerOffset
 from sim.effects.sensor_path.sensor_coupling import SensorCoupling
 from sim.effects.sensor_path.sensor_curve import SensorCurve
@@ -19,8 +20,9 @@ from sim.effects.sensor_path.sensor_hold import SensorHold
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.effects.sensor_path.sensor_step import SensorStep
 from sim.effects.sensor_path.vane_offset import VaneOffset
+from sim.effects.vane import at_arm
 from sim.maths.elementary import COMPLEX_STEP
-from tests.bases import RIGID_VALUES, Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
+from tests.bases import LEVEL, RIGID_VALUES, Flight, fly_model, loes_flight, loes_model, longitudinal_model, rigid_flight, rigid_model
 from tests.oracles.flexible_aircraft import parameters_in_si
 
 G = 9.80665
@@ -58,6 +60,23 @@ def test_the_pitch_acceleration_is_that_of_the_moment_with_gusts_and_modes_in_it
     np.testing.assert_allclose(added_by_arm(gusty, flight), factor * moment, rtol=0.0, atol=1e-13)
     flexible = rigid_model().with_effects(StructuralMode(1, (1,))).with_values(parameters_in_si(1, 1.0))
     assert np.max(np.abs(added_by_arm(flexible, flight) - factor * moment)) > 0.02
+
+
+def test_a_vane_at_an_arm_reads_the_turn_over_the_airspeed_at_the_time() -> None:
+    """Of an aircraft that flies slower than its reference speed the same turn is a larger angle."""
+    flight, arm = rigid_flight(), 3.0
+    slow = longitudinal_model()
+    slow = slow.with_initial(slow.initial.with_values({"airspeed": 45.0}))
+    flying = Flight(flight.time, np.stack([LEVEL[1] + 0.3 * flight.u[0], np.full(len(flight.time), LEVEL[2])]), max_step=0.02)
+    effect = find_effect("vane-offset", slow.equations)
+    ahead = slow.with_effects(effect).with_values({"vane-offset.arm": arm})
+    speed, alpha, _, q, *_ = fly_model(slow, flying)
+    read = fly_model(ahead, flying)[1]
+    np.testing.assert_allclose(read - alpha, -arm * q / speed, rtol=0.0, atol=1e-12)
+    assert np.max(np.abs(arm * q)) > 0.1 and np.max(np.abs(speed - 53.6)) > 3.0
+    s, vehicle = SimpleNamespace(V=40.0, q=0.2), SimpleNamespace(airspeed=50.0)
+    assert at_arm(s, vehicle, arm, "q", "airspeed") == pytest.approx(0.015)
+    assert at_arm(SimpleNamespace(q=0.2), vehicle, arm, "q", "airspeed") == pytest.approx(0.012)
 
 
 def test_an_accelerometer_at_an_arm_is_a_vane_at_minus_that_arm_with_other_derivatives() -> None:

@@ -1,0 +1,655 @@
+"""Mutants: changes of single lines, over all rooms, that tests have to notice.
+
+Add one to `changes` of its file, or a new file: tests, then pairs of old and new text. The old text
+is as little as is unique in its file. Choose lines that carry a meaning (formula, sign, unit,
+comparison, index, default) and changes that a slip could make.
+"""
+
+from __future__ import annotations
+
+from tests.mutation.run import Mutant
+
+FILTER_ERROR_START = ("tests/unit/ident/process_noise/test_filter_error_fit.py",)
+REFITTING = ("tests/unit/ident/tracing/selection/test_ledger.py",)
+FROM_FILES = ("tests/unit/scenarios/identification/test_from_files.py",)
+FLYING = ("tests/unit/scenarios/studies/test_flying.py",)
+DELAYS = ("tests/unit/ident/banks/test_delay_bank.py",)
+FREQUENCY_FIT = ("tests/unit/ident/frequency_domain/test_fit.py",)
+SETTING = ("tests/unit/scenarios/maneuver_design/test_setting.py",)
+MACHINE = ("tests/unit/scenarios/trials/jsbsim/test_machine.py",)
+TERMS = ("tests/unit/scenarios/trials/hidden/test_terms.py",)
+
+
+def changes(file: str, tests: tuple[str, ...], *pairs: tuple[str, str]) -> tuple[Mutant, ...]:
+    """Mutants of one file that the same tests notice, by old and new text."""
+    return tuple(Mutant(file, old, new, tests) for old, new in pairs)
+
+
+# Lines whose changes no test had noticed in version 0.2.0.
+ONCE_UNNOTICED = (
+    *changes(
+        "ident/process_noise/filter_error_fit.py",
+        FILTER_ERROR_START,
+        ("fit.variance - noise**2", "fit.variance - noise"),
+        ("fit.variance - noise**2", "fit.variance + noise**2"),
+        ("fit.variance - noise**2", "fit.variance"),
+        ("1e-4 * noise**2", "1e-4 * noise"),
+        ("1e-4 * noise**2", "1e-2 * noise**2"),
+        ("np.sqrt(np.median(beyond[at]", "(np.median(beyond[at]"),
+        ("np.clip(ratio, 0.01, 100.0)", "np.clip(ratio, 0.01, 1000.0)"),
+        ("np.clip(ratio, 0.01, 100.0)", "np.clip(ratio, 0.001, 100.0)"),
+    ),
+    *changes(
+        "ident/tracing/selection/refitting.py",
+        REFITTING,
+        ("if other < key and len", "if len"),
+        ("if other < key and len", "if not other < key and len"),
+        ("len(other) == len(key) - 1", "len(other) == len(key) - 2"),
+        ("len(other) == len(key) - 1", "len(other) <= len(key) - 1"),
+        ("len(other) == len(key) - 1", "len(other) == len(key) + 1"),
+        ("list(ledger.models.values())[:1]", "list(ledger.models.values())[-1:]"),
+        ("list(ledger.models.values())[:1]", "list(ledger.models.values())"),
+        (" or list(ledger.models.values())[:1]", ""),
+        ("parent = min(parents", "parent = max(parents"),
+        ("max(2.0 * gained, 0.0)", "max(gained, 0.0)"),
+        ("base.fit.cost - fitted.fit.cost", "fitted.fit.cost - base.fit.cost"),
+    ),
+    *changes(
+        "scenarios/identification/from_files.py",
+        FROM_FILES,
+        ("if method not in FILTERS and found", "if found"),
+        ("if method not in FILTERS and", "if method in FILTERS and"),
+        ("and found.record.inputs and", "and"),
+        ("and request.plan.hold is None", ""),
+        ("request.plan.hold is None", "request.plan.hold is not None"),
+        (" and not any(file.sidecar.says_hold for file in files)", ""),
+        ("not any(file.sidecar", "not all(file.sidecar"),
+        ("not any(file.sidecar", "any(file.sidecar"),
+        ("replace(options, profile=None)", "options"),
+        ("replace(request.plan, hold=hold)", "request.plan"),
+    ),
+    *changes(
+        "scenarios/studies/flying.py",
+        FLYING,
+        ("if all(plan.kind in SMOOTH", "if any(plan.kind in SMOOTH"),
+        ("if all(plan.kind in SMOOTH", "if not all(plan.kind in SMOOTH"),
+        ("if all(plan.kind in SMOOTH", "if all(plan.kind not in SMOOTH"),
+        ("for plan in plans if plan.kind in SMOOTH}", "for plan in plans}"),
+        ("time[1:].tolist()", "time[:-1].tolist()"),
+    ),
+    *changes(
+        "ident/banks/delays.py",
+        DELAYS,
+        ("return float(x[1]), 0.0", "return float(x[0]), 0.0"),
+        ("return float(x[1]), 0.0", "return float(x[2]), 0.0"),
+        ("return float(x[1]), 0.0", "return float(x[1]), 1.0"),
+        ("if not curvature > 0:", "if curvature > 0:"),
+        ("if not curvature > 0:", "if curvature < 0:"),
+        ("curvature = -2.0 *", "curvature = 2.0 *"),
+        ("float(0.5 * (x[0] + x[1]) +", "float(0.5 * (x[0] + x[1]) -"),
+    ),
+    *changes(
+        "ident/frequency_domain/output_error.py",
+        FREQUENCY_FIT,
+        ("used = fit.counts.sum(axis=1) > 0", "used = fit.counts.sum(axis=1) >= 0"),
+        ("used = fit.counts.sum(axis=1) > 0", "used = fit.counts.sum(axis=1) > 1e9"),
+        ("used = fit.counts.sum(axis=1) > 0", "used = fit.counts.sum(axis=1) == 0"),
+        (
+            "fit.levels * fit.counts, axis=1) / np.maximum(total, 1.0), 1.0",
+            "fit.levels * fit.counts, axis=1), 1.0",
+        ),
+    ),
+    *changes(
+        "scenarios/maneuver_design/setting.py",
+        SETTING,
+        ("np.exp(np.mean(np.log(quick)))", "np.mean(quick)"),
+        ("np.exp(np.mean(np.log(quick)))", "np.exp(np.median(np.log(quick)))"),
+        ("np.exp(np.mean(np.log(quick)))", "np.exp(np.sum(np.log(quick)))"),
+        ("if len(quick) else 1.0", "if len(quick) else 0.1"),
+        ("if len(quick) else 1.0", "if not len(quick) else 1.0"),
+        ("sizes[sizes > SLOW * np.max(sizes, initial=0.0)]", "sizes"),
+        ("SLOW = 0.1", "SLOW = 0.05"),
+        ("SLOW = 0.1", "SLOW = 0.2"),
+        ("decade * digit >= value * (1.0 - 1e-9)", "decade * digit > value"),
+        ("np.arange(count + 1) / rate", "np.arange(count) / rate"),
+        ("if count > MOST_SAMPLES", "if count >= MOST_SAMPLES"),
+    ),
+    *changes(
+        "scenarios/maneuver_design/content.py",
+        SETTING,
+        ('maneuver.flight.bound_by or "amplitude"', 'maneuver.flight.bound_by and "amplitude"'),
+        ('maneuver.flight.bound_by or "amplitude"', "maneuver.flight.bound_by"),
+        ('maneuver.flight.bound_by or "amplitude"', '"amplitude"'),
+        ("maneuver.sigmas.items() if math.isfinite(std)", "maneuver.sigmas.items()"),
+    ),
+    *changes(
+        "scenarios/trials/jsbsim/machine.py",
+        MACHINE,
+        ("math.radians(75.0), math.radians(60.0)", "math.radians(60.0), math.radians(75.0)"),
+        ("math.radians(75.0), math.radians(60.0)", "75.0, 60.0"),
+        ("math.radians(75.0), math.radians(60.0)", "math.radians(80.0), math.radians(60.0)"),
+        ("math.radians(75.0), math.radians(60.0)", "math.radians(75.0), math.radians(65.0)"),
+        ("math.radians(75.0), math.radians(60.0)", "math.radians(70.0), math.radians(60.0)"),
+        ('np.max(np.abs(signals["phi"]))', 'np.max(signals["phi"])'),
+        ('np.max(np.abs(signals["theta"]))', 'np.max(signals["theta"])'),
+        ("if not finite or np.max", "if np.max"),
+        ("POUND, INERTIA = SLUG * FOOT,", "POUND, INERTIA = SLUG / FOOT,"),
+    ),
+    *changes(
+        "scenarios/trials/hidden/foreign/density_layer.py",
+        TERMS,
+        ("p.size * exp(-off * off)", "p.size * exp(-off)"),
+        ("p.size * exp(-off * off)", "p.size * exp(off * off)"),
+        ("p.size * exp(-off * off)", "p.size * exp(-0.5 * off * off)"),
+        ("p.size * exp(-off * off)", "exp(-off * off)"),
+        ("p.size * exp(-off * off)", "-p.size * exp(-off * off)"),
+        ("(s.altitude - p.middle) / p.depth", "(s.altitude + p.middle) / p.depth"),
+        ("(s.altitude - p.middle) / p.depth", "(s.altitude - p.middle) * p.depth"),
+    ),
+)
+
+# Equations, effects, truth, loops and maneuvers.
+SIM = (
+    *changes(
+        "sim/vehicles/lateral.py",
+        ("tests/unit/sim/vehicles/test_textbook_modes.py",),
+        ("s.p * sin(p.trim_alpha) - s.r", "s.p * sin(p.trim_alpha) + s.r"),
+    ),
+    *changes(
+        "sim/vehicles/longitudinal.py",
+        ("tests/unit/sim/vehicles/test_second_writings.py",),
+        ("lift * cosine + drag * sine", "lift * cosine - drag * sine"),
+        ("_lift(s, p) + s.thrust * sin(s.alpha)", "_lift(s, p) - s.thrust * sin(s.alpha)"),
+        ("/ (p.mass * s.airspeed)", "/ (p.mass * s.V)"),
+    ),
+    *changes(
+        "sim/vehicles/loes.py",
+        ("tests/unit/sim/vehicles/test_second_writings.py",),
+        ("p.vane_arm / s.V * s.q", "p.vane_arm / p.airspeed * s.q"),
+    ),
+    *changes(
+        "sim/vehicles/short_period.py",
+        ("tests/unit/sim/vehicles/test_second_writings.py",),
+        ("s.q * p.chord / (2.0 * V)", "s.q * p.chord / (2.0 * p.airspeed)"),
+    ),
+    *changes(
+        "sim/vehicles/ballistic.py",
+        ("tests/unit/sim/vehicles/test_second_writings.py",),
+        ("s.velocity * absolute(s.velocity)", "-s.velocity * s.velocity"),
+    ),
+    *changes(
+        "sim/vehicles/flexibility/stiffness.py",
+        ("tests/unit/sim/vehicles/test_second_writings.py",),
+        ("value=factor * number.value", "value=factor**2 * number.value"),
+    ),
+    *changes(
+        "sim/effects/load_curve.py",
+        ("tests/unit/sim/effects/dynamics_and_disturbance/test_whole_axes.py",),
+        ("0.5 * (low + high) if self.total", "0.5 * (high - low) if self.total"),
+    ),
+    *changes(
+        "sim/effects/vane.py",
+        ("tests/unit/sim/effects/sensor_path/test_instrument_faults.py",),
+        ('s.V if hasattr(s, "V") else getattr(vehicle, speed)', "getattr(vehicle, speed)"),
+    ),
+    *changes(
+        "sim/effects/onset.py",
+        ("tests/unit/sim/effects/test_events.py",),
+        ("(time - at) / width + 0.5", "(time - at) / width"),
+    ),
+    *changes(
+        "sim/effects/input_path/actuator_rate_limit.py",
+        (
+            "tests/unit/sim/effects/input_path/test_actuator_rate_limit.py",
+            "tests/unit/sim/effects/input_path/test_memoryless_inputs.py",
+        ),
+        ("left - 0.5 * way, left", "left - way, left"),
+        ("typical=3.0 * peak", "typical=peak"),
+    ),
+    *changes(
+        "sim/truth/noise.py",
+        ("tests/unit/sim/truth/test_noise.py",),
+        ("-np.expm1(-2.0 * gaps)", "-np.expm1(-gaps)"),
+    ),
+    *changes(
+        "sim/truth/measurement.py",
+        ("tests/unit/sim/truth/test_second_writings.py",),
+        ("rng.random(len(values)) < measurement", "rng.random(len(values)) > measurement"),
+    ),
+    *changes(
+        "sim/truth/random_forcing.py",
+        ("tests/unit/sim/truth/test_second_writings.py",),
+        ("= walk[1:]", "= walk[:-1]"),
+    ),
+    *changes(
+        "sim/closed_loop/limits.py",
+        ("tests/unit/sim/closed_loop/test_limits.py",),
+        ("(upper[i] + lower[i]) / 2.0", "(upper[i] - lower[i]) / 4.0"),
+    ),
+    *changes(
+        "sim/closed_loop/late_command.py",
+        ("tests/unit/sim/closed_loop/test_late_command.py",),
+        ("control.sample_system(continuous, T - rest,", "control.sample_system(continuous, T,"),
+    ),
+    *changes(
+        "sim/closed_loop/sticks.py",
+        ("tests/unit/sim/closed_loop/test_second_writings.py",),
+        ("0.3 + 0.7 * size", "0.3 + size"),
+    ),
+    *changes(
+        "sim/maneuvers/steps.py",
+        ("tests/unit/sim/maneuvers/test_maneuvers.py",),
+        (
+            "self.part.before(np.asarray(t) - self.delay)",
+            "self.part.before(np.asarray(t) + self.delay)",
+        ),
+    ),
+    *changes(
+        "sim/maneuvers/sweep.py",
+        ("tests/unit/sim/maneuvers/test_maneuvers.py",),
+        ("panel = 0.5 / max(self.low, self.high)", "panel = 50.0 / max(self.low, self.high)"),
+    ),
+    *changes(
+        "sim/propagation/grid.py",
+        (
+            "tests/unit/sim/propagation/test_ends_of_steps.py",
+            "tests/unit/sim/propagation/test_grid.py",
+        ),
+        ("gaps / (1.5 * usual)", "gaps / (2.5 * usual)"),
+        ("row[-1] + (row[-1] - row[-2])", "row[-1] - (row[-1] - row[-2])"),
+    ),
+    *changes(
+        "sim/propagation/linear.py",
+        ("tests/unit/sim/truth/test_motion.py",),
+        ("_AFFINE = 1e-11", "_AFFINE = 1e-4"),
+    ),
+)
+
+# Estimators, statistics and tracing.
+IDENT = (
+    *changes(
+        "ident/compatibility/kinematics.py",
+        ("tests/unit/ident/compatibility/six_degrees/test_check.py",),
+        ("- h**2 / 12.0", "+ h**2 / 12.0"),
+    ),
+    *changes(
+        "ident/compatibility/noise.py",
+        ("tests/unit/ident/compatibility/test_noise.py",),
+        ("middle**2 / 20.0", "middle**2 / 6.0"),
+    ),
+    *changes(
+        "ident/compatibility/faults.py",
+        ("tests/unit/ident/compatibility/six_degrees/test_check.py",),
+        ("return 0.1 * self.plausible", "return self.plausible"),
+    ),
+    *changes(
+        "ident/recording/hum.py",
+        ("tests/unit/ident/recording/test_levels.py",),
+        (
+            "gain = (2.0 * math.sin(math.pi * at * step)) ** 2",
+            "gain = 2.0 * math.sin(math.pi * at * step)",
+        ),
+    ),
+    *changes(
+        "ident/recording/noise_level.py",
+        ("tests/unit/ident/recording/test_levels.py",),
+        ("loud[2 : len(local) + 2]", "loud[: len(local)]"),
+    ),
+    *changes(
+        "ident/recording/zero_steps.py",
+        ("tests/unit/ident/recording/test_levels.py",),
+        ("np.arange(length) + 0.5", "np.arange(length) + 1.0"),
+    ),
+    *changes(
+        "ident/recording/dropouts.py",
+        ("tests/unit/ident/recording/test_samples.py",),
+        ("before * after > 0.0", "before * after < 0.0"),
+    ),
+    *changes(
+        "ident/recording/control.py",
+        ("tests/unit/ident/recording/test_readings.py",),
+        ("float(off @ off) / len(left) * lag", "float(off @ off) / len(left)"),
+    ),
+    *changes(
+        "ident/recording/time_base.py",
+        ("tests/unit/ident/recording/test_readings.py",),
+        ("abs(math.log2(best)) < GROSS", "math.log2(best) < GROSS"),
+    ),
+    *changes(
+        "ident/flying_qualities/characteristics.py",
+        ("tests/unit/ident/flying_qualities/test_mode_levels.py",),
+        ("float(-(one + other).real)", "float((one + other).real)"),
+        ("/ gravity * q / alpha", "/ G0 * q / alpha"),
+    ),
+    *changes(
+        "ident/flying_qualities/frequency_response.py",
+        ("tests/unit/ident/flying_qualities/test_frequency_response.py",),
+        ("np.abs(between) ** 2", "np.abs(between)"),
+    ),
+    *changes(
+        "ident/flying_qualities/modal.py",
+        ("tests/unit/ident/flying_qualities/test_mode_levels.py",),
+        ("/ (2.0 * step)", "/ step"),
+    ),
+    *changes(
+        "ident/frequency_domain/transform.py",
+        ("tests/unit/ident/frequency_domain/test_response.py",),
+        ("(count + 1) // 2", "count // 2 + 1"),
+    ),
+    *changes(
+        "ident/frequency_domain/response.py",
+        ("tests/unit/ident/frequency_domain/test_response.py",),
+        ("before if share > 0.0 else now", "now"),
+    ),
+    *changes(
+        "ident/frequency_domain/noise_spectrum.py",
+        ("tests/unit/ident/frequency_domain/test_fit.py",),
+        ("ratio = 2.0 * np.sum", "ratio = np.sum"),
+    ),
+    *changes(
+        "ident/maneuver_design/decision.py",
+        ("tests/unit/ident/maneuver_design/test_rivalry.py",),
+        ("2.0 * squares * share", "4.0 * squares * share"),
+        ("8.0 * gain + 2.0 * own", "4.0 * gain + 2.0 * own"),
+    ),
+    *changes(
+        "ident/pooling/conditioning.py",
+        ("tests/unit/ident/pooling/test_pooling.py",),
+        ("left = covariance - gain @", "left = covariance - 0.5 * gain @"),
+    ),
+    *changes(
+        "ident/pooling/false_discovery.py",
+        ("tests/unit/ident/pooling/test_pooling.py",),
+        ("np.minimum.accumulate(raised[::-1])[::-1]", "np.minimum.accumulate(raised)"),
+    ),
+    *changes(
+        "ident/pooling/random_effects.py",
+        ("tests/unit/ident/pooling/test_pooling.py",),
+        ("factor = max(1.0, float(", "factor = max(0.0, float("),
+    ),
+    *changes(
+        "ident/pooling/recurrence.py",
+        ("tests/unit/ident/pooling/test_pooling.py",),
+        ("0.5 * squared + 0.5 * shrunk", "0.5 * squared + shrunk"),
+    ),
+    *changes(
+        "ident/pooling/standing_out.py",
+        ("tests/unit/ident/pooling/test_pooling.py",),
+        ("spread**2 - float(np.median(sigmas)) ** 2", "spread**2"),
+    ),
+    *changes(
+        "ident/pooling/trend.py",
+        ("tests/unit/ident/pooling/test_pooling.py",),
+        ("float(weight @ left**2) / (n - 2)", "float(weight @ left**2) / n"),
+    ),
+    *changes(
+        "ident/statistics/shares.py",
+        ("tests/unit/ident/statistics/test_shares.py",),
+        ("betaincinv(count, of - count + 1, tail)", "betaincinv(count, of - count, tail)"),
+    ),
+    *changes(
+        "ident/statistics/rank_correlation.py",
+        ("tests/unit/ident/statistics/test_rank_correlation.py",),
+        ("last - 0.5 * (counts - 1.0)", "last"),
+    ),
+    *changes(
+        "ident/statistics/local_level.py",
+        ("tests/unit/ident/statistics/test_local_level.py",),
+        ("4: 70.0", "4: 20.0"),
+    ),
+    *changes(
+        "ident/statistics/chi_square.py",
+        ("tests/unit/ident/statistics/test_chi_square.py",),
+        ("degrees, tail = count - 1", "degrees, tail = count"),
+    ),
+    *changes(
+        "ident/statistics/residuals.py",
+        ("tests/unit/ident/statistics/test_local_level.py",),
+        ("n * (n + 2) * np.sum", "n * n * np.sum"),
+    ),
+    *changes(
+        "ident/statistics/differences.py",
+        ("tests/unit/ident/statistics/test_compare.py",),
+        ("z, abs(z) > limit", "z, z > limit"),
+    ),
+    *changes(
+        "ident/tracing/selection/criterion.py",
+        ("tests/unit/ident/tracing/selection/test_criterion.py",),
+        ("few_samples(parent, child)) + 0.5 * accept", "few_samples(parent, child)) + accept"),
+    ),
+    *changes(
+        "ident/tracing/name_probability.py",
+        ("tests/unit/ident/tracing/test_name_probability.py",),
+        ("-0.5 * behind /", "-1.0 * behind /"),
+    ),
+    *changes(
+        "ident/tracing/validation/error_figures.py",
+        ("tests/unit/ident/tracing/validation/test_error_figures.py",),
+        ("1.0 - (error / spread) ** 2", "1.0 - error / spread"),
+    ),
+    *changes(
+        "ident/banks/online.py",
+        ("tests/unit/ident/banks/test_online_bank.py",),
+        ("gaps / (1.5 * bank.interval)", "gaps / (3.5 * bank.interval)"),
+        ("wild[k] & (streak < LONGEST_SPIKE)", "wild[k] & (streak <= LONGEST_SPIKE)"),
+    ),
+    *changes(
+        "ident/filters/smoother.py",
+        ("tests/unit/ident/filters/test_smoother_limits.py",),
+        ("np.minimum(own, variance)", "np.maximum(own, variance)"),
+    ),
+    *changes(
+        "ident/filters/transition.py",
+        ("tests/unit/ident/filters/test_transition.py",),
+        ("dt ** (i + j + 1) / (i + j + 1)", "dt ** (i + j + 1)"),
+    ),
+    *changes(
+        "ident/regression/local_polynomial.py",
+        ("tests/unit/ident/regression/test_local_polynomial.py",),
+        ("np.maximum(1.0 - own, 1e-6)", "1.0"),
+        ("2.0 * (width - 1) * float(", "20.0 * (width - 1) * float("),
+    ),
+    *changes(
+        "ident/whole_record/layout.py",
+        ("tests/unit/ident/whole_record/test_layout.py",),
+        ("shared + r * own + np.arange(own)", "shared + (r - 1) * own + np.arange(own)"),
+    ),
+    *changes(
+        "ident/whole_record/unstable_motion.py",
+        ("tests/unit/ident/whole_record/test_unstable_motion.py",),
+        (
+            "(prior.mean[mine] - fit.theta[prior.positions[mine]])",
+            "(fit.theta[prior.positions[mine]] - prior.mean[mine])",
+        ),
+    ),
+    *changes(
+        "ident/banks/bank.py",
+        ("tests/unit/ident/banks/test_bank.py",),
+        ("active[again.sound & (moved >= SETTLED)]", "active[again.sound]"),
+    ),
+)
+
+# Files, studies, and what they show.
+SCENARIOS = (
+    *changes(
+        "scenarios/files/units.py",
+        ("tests/unit/scenarios/files/test_units.py",),
+        ("_DEGREE ** (size.deg - due.deg)", "_DEGREE ** (due.deg - size.deg)"),
+    ),
+    *changes(
+        "scenarios/preparation/airspeed.py",
+        ("tests/unit/scenarios/preparation/test_airspeed.py",),
+        ("(1.0 / level - 1.0 / pressure)", "(1.0 / pressure - 1.0 / level)"),
+        ('-p["gravity"].value / flow.speed', 'p["gravity"].value / flow.speed'),
+    ),
+    *changes(
+        "scenarios/preparation/filtering.py",
+        ("tests/unit/scenarios/preparation/test_filtering.py",),
+        ("0.5 * BELOW_HALF * plan.rate", "BELOW_HALF * plan.rate"),
+    ),
+    *changes(
+        "scenarios/preparation/trim.py",
+        ("tests/unit/scenarios/preparation/test_trim.py",),
+        ("until = max(2, until - 1)", "until = max(2, until)"),
+    ),
+    *changes(
+        "scenarios/preparation/load_factor.py",
+        ("tests/unit/scenarios/preparation/test_reading.py",),
+        ("level < -1.0 / MIDDLE", "level < -MIDDLE"),
+    ),
+    *changes(
+        "scenarios/preparation/attitude.py",
+        ("tests/unit/scenarios/preparation/test_attitude.py",),
+        ("FEWEST = 0.5", "FEWEST = 0.05"),
+    ),
+    *changes(
+        "scenarios/prediction/predict.py",
+        ("tests/unit/scenarios/prediction/test_predict.py",),
+        ("(1.0 - self.figures.nrmse[channel])", "(1.0 - self.figures.nrmse[channel] ** 2)"),
+    ),
+    *changes(
+        "scenarios/identification/input_reading.py",
+        ("tests/unit/scenarios/identification/test_from_files.py",),
+        ("MOVED = 1.0", "MOVED = 2.0"),
+    ),
+    *changes(
+        "scenarios/identification/assessment/bounds.py",
+        ("tests/unit/scenarios/identification/test_assessment.py",),
+        ('0 if side == "lower" else 1', '1 if side == "lower" else 0'),
+    ),
+    *changes(
+        "scenarios/watching/estimates.py",
+        ("tests/unit/scenarios/watching/test_estimates.py",),
+        ("ndtr((between - value) /", "ndtr((value - between) /"),
+    ),
+    *changes(
+        "scenarios/watching/history.py",
+        ("tests/unit/scenarios/watching/test_history.py",),
+        ("np.sqrt(np.maximum(variance, 0.0))", "np.maximum(variance, 0.0)"),
+    ),
+    *changes(
+        "scenarios/survey/pooled_fits.py",
+        ("tests/unit/scenarios/survey/test_pooled_fits.py",),
+        ("1e30 * np.eye(len(at))) / share", "1e30 * np.eye(len(at))) * share"),
+    ),
+    *changes(
+        "scenarios/survey/derivatives.py",
+        ("tests/unit/scenarios/survey/test_derivatives.py",),
+        (" / one.found.probability[number]", ""),
+    ),
+    *changes(
+        "scenarios/side_by_side/value.py",
+        ("tests/unit/scenarios/side_by_side/test_value.py",),
+        (
+            "(self.estimate - self.reference) / abs(self.reference)",
+            "(self.estimate - self.reference) / self.reference",
+        ),
+        ("self.true if self.condensed is None else self.condensed", "self.true"),
+    ),
+    *changes(
+        "scenarios/x29/measures.py",
+        ("tests/unit/scenarios/x29/test_measures.py",),
+        ("len(power) // 5", "len(power) // 2"),
+        (
+            "(abs(self.peak_simulated) / abs(self.peak_measured) - 1.0)",
+            "(abs(self.peak_measured) / abs(self.peak_simulated) - 1.0)",
+        ),
+    ),
+    *changes(
+        "scenarios/terminal/display_units.py",
+        ("tests/unit/scenarios/terminal/test_display_units.py",),
+        ("value / (2.0 * math.pi)", "value * (2.0 * math.pi)"),
+    ),
+    *changes(
+        "scenarios/pages/numbers.py",
+        ("tests/unit/scenarios/pages/test_model.py",),
+        ("self.signed and self.value >= 0", "self.signed and self.value > 0"),
+    ),
+    *changes(
+        "scenarios/diagnosis/deciding.py",
+        ("tests/unit/scenarios/diagnosis/test_deciding.py",),
+        ("record[name].values - record[name].values[0]", "record[name].values"),
+    ),
+    *changes(
+        "scenarios/diagnosis/witness.py",
+        ("tests/unit/scenarios/diagnosis/test_kinematic_witness.py",),
+        (
+            "math.hypot(own.std, mine.std, 0.5 * worth_of(own))",
+            "math.hypot(own.std, 0.5 * worth_of(own))",
+        ),
+    ),
+    *changes(
+        "scenarios/maneuver_design/limits.py",
+        ("tests/unit/scenarios/maneuver_design/test_setting.py",),
+        ("else -abs(high))", "else -np.inf)"),
+    ),
+    *changes(
+        "scenarios/maneuver_design/within_limits.py",
+        ("tests/unit/scenarios/maneuver_design/test_setting.py",),
+        ("(high - at) / (most - at)", "(high - at) / most"),
+    ),
+    *changes(
+        "scenarios/studies/campaign_statistics/bound.py",
+        ("tests/unit/scenarios/studies/campaign_statistics/test_bound.py",),
+        ("width = np.minimum(prior, spread * stated)", "width = spread * stated"),
+        ("1.0 - (self.scatter / self.stated) ** 2", "1.0 - self.scatter / self.stated"),
+    ),
+    *changes(
+        "scenarios/trials/hidden/recorder/columns.py",
+        ("tests/unit/scenarios/trials/hidden/test_recorder.py",),
+        (
+            'record.time < values["begin"] + values["length"]',
+            'record.time <= values["begin"] + values["length"]',
+        ),
+    ),
+    *changes(
+        "scenarios/trials/hidden/recorder/readings.py",
+        ("tests/unit/scenarios/trials/hidden/test_recorder.py",),
+        ("np.clip(column, low + edge, high - edge)", "np.clip(column, low, high - edge)"),
+    ),
+    *changes(
+        "scenarios/trials/coverage/page.py",
+        ("tests/unit/scenarios/trials/test_coverage_page.py",),
+        ("factor > 1.0 else", "factor < 1.0 else"),
+    ),
+    *changes(
+        "scenarios/compatibility/check.py",
+        ("tests/unit/scenarios/compatibility/test_check.py",),
+        ("np.sqrt(2.0 * np.maximum(", "np.sqrt(np.maximum("),
+    ),
+    *changes(
+        "scenarios/plots/signals.py",
+        ("tests/unit/scenarios/plots/test_contents.py",),
+        ("band = 2.0 * unit.factor", "band = unit.factor"),
+    ),
+    *changes(
+        "scenarios/api/shown/parameters.py",
+        ("tests/unit/scenarios/api/test_results.py",),
+        ("self.value - 2.0 * self.sigma", "self.value - self.sigma"),
+    ),
+)
+
+# The labs.
+FLIGHTID = (
+    *changes(
+        "flightid/labs/workings/trying.py",
+        ("tests/unit/flightid/labs/test_workings.py",),
+        ("(row.estimate - row.reference) / row.std", "(row.reference - row.estimate) / row.std"),
+        ("z - estimate.fitted[0]", "estimate.fitted[0] - z"),
+    ),
+    *changes(
+        "flightid/labs/workings/short_period.py",
+        ("tests/unit/flightid/labs/test_workings.py",),
+        ("PEAK_OF_DOUBLET = 2.3311", "PEAK_OF_DOUBLET = 1.16556"),
+    ),
+    *changes(
+        "flightid/labs/workings/augmented.py",
+        ("tests/unit/flightid/labs/test_workings.py",),
+        (
+            "math.log(2.0) / float(bare_airframe(flown)[-1])",
+            "math.log(2.0) / float(bare_airframe(flown)[0])",
+        ),
+    ),
+)
+
+MUTANTS = (*ONCE_UNNOTICED, *SIM, *IDENT, *SCENARIOS, *FLIGHTID)

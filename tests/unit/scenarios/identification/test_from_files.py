@@ -1,0 +1,126 @@
+"""The other reading of the inputs is tried where no one declared how they are held."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenarios.files.measured.record_file import RecordFile, read_record_file
+from scenarios.files.writing import write_record
+from scenarios.identification import from_files
+from scenarios.identification.from_files import identify_files
+from scenarios.identification.input_reading import other_reading
+from scenarios.identification.methods import FILTERS, METHODS
+from scenarios.identification.result import PLAIN, Options
+from scenarios.preparation.plan import Plan
+from scenarios.preparation.request import Request
+from scenarios.studies.rows import Row
+from sim.record import Channel, Hold, Record
+from tests.own_models import ROLL, model_file
+
+
+@dataclass
+class Spy:
+    """Replaces preparation and fit: records the hold and the options of each fit."""
+
+    inputs: tuple[str, ...] = ("aileron",)
+    outcome_ok: bool = True
+    holds: list[Hold | None] = field(default_factory=list)
+    asked: list[Options] = field(default_factory=list)
+
+    def __call__(self, _vehicle: Any, _method: str, _files: Any, _choices: Any, plan: Plan, asked: Options) -> Any:
+        self.holds.append(plan.hold)
+        self.asked.append(asked)
+        found = SimpleNamespace(record=SimpleNamespace(inputs=self.inputs, hold=plan.hold or Hold.PREVIOUS))
+        return SimpleNamespace(measured=()), found
+
+
+@pytest.fixture
+def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
+    seen = Spy()
+    monkeypatch.setattr(from_files, "_identified", seen)
+
+    def read_otherwise(found: Any, again: Any) -> Any:
+        return again(Hold.LINEAR if found.record.hold is Hold.PREVIOUS else Hold.PREVIOUS)
+
+    monkeypatch.setattr(from_files, "_read_otherwise", read_otherwise)
+    return seen
+
+
+def record_files(folder: Path, count: int, *, says_hold: tuple[int, ...] = ()) -> tuple[RecordFile, ...]:
+    """Short records, of which some say how their inputs are held."""
+    time = 0.1 * np.arange(20)
+    opened = []
+    for number in range(count):
+        outputs = tuple(Channel.of(name, unit, np.sin(time)) for name, unit in (("p", "rad/s"), ("phi", "rad")))
+        record = Record(
+            time,
+            (Channel.of("aileron", "rad", np.cos(time)),),
+            outputs,
+            Hold.PREVIOUS,
+            f"flight {number}",
+        )
+        file = read_record_file(write_record(folder, record, f"flight{number}")[0])
+        opened.append(replace(file, sidecar=replace(file.sidecar, says_hold=number in says_hold)))
+    return tuple(opened)
+
+
+def request(folder: Path, count: int = 1, hold: Hold | None = None, **says: Any) -> Request:
+    model = str(model_file(folder, ROLL))
+    return Request(record_files(folder, count, **says), model, plan=Plan(hold=hold))
+
+
+def test_inputs_that_nobody_said_how_to_read_are_read_the_other_way_as_well(spy: Spy, tmp_path: Path) -> None:
+    identify_files(request(tmp_path, 2), "output-error", replace(PLAIN, profile=("L_p",)))
+    assert spy.holds == [None, Hold.LINEAR]
+    # Profiles are of the result that is given, and not made again.
+    assert [asked.profile for asked in spy.asked] == [("L_p",), None]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_filters_are_not_run_twice(spy: Spy, tmp_path: Path, method: str) -> None:
+    identify_files(request(tmp_path), method)
+    assert len(spy.holds) == (1 if method in FILTERS else 2)
+
+
+def test_without_an_input_there_is_no_other_reading(spy: Spy, tmp_path: Path) -> None:
+    spy.inputs = ()
+    identify_files(request(tmp_path), "output-error")
+    assert spy.holds == [None]
+
+
+@pytest.mark.parametrize("hold", list(Hold))
+def test_a_reading_that_is_asked_for_is_the_only_one(spy: Spy, tmp_path: Path, hold: Hold) -> None:
+    identify_files(request(tmp_path, hold=hold), "output-error")
+    assert spy.holds == [hold]
+
+
+@pytest.mark.parametrize("says", [(0,), (1,), (0, 1)])
+def test_one_file_that_says_how_its_inputs_are_held_is_enough(spy: Spy, tmp_path: Path, says: tuple[int, ...]) -> None:
+    identify_files(request(tmp_path, 2, says_hold=says), "output-error")
+    assert spy.holds == [None]
+
+
+@pytest.mark.parametrize("used", list(Hold))
+@pytest.mark.parametrize(("by", "told"), [(0.9, False), (1.1, True), (-0.9, False), (-1.1, True)])
+def test_the_other_reading_is_told_where_it_moves_a_value_by_more_than_its_sigma(used: Hold, by: float, told: bool) -> None:
+    rows = [
+        Row("L_p", "1/s", -2.0, 0.1),
+        Row("L_da", "1/s2", 8.0, 0.4),
+        Row("held", "1/s", 1.0, 0.0),
+    ]
+    again = [
+        Row("L_p", "1/s", -2.0 + 0.1 * by, 0.9),
+        Row("L_da", "1/s2", 8.0, 0.01),
+        Row("held", "1/s", 5.0, 0.0),
+    ]
+    found = other_reading(used, rows, again, -3.0)
+    assert (found is not None) is told
+    if found is not None:
+        assert [row.name for row, _ in found.moved] == ["L_p"] and {found.used, found.other} == set(Hold) and found.used is used
+        assert "fits worse" in found.sentence and f"--hold {found.other.value}" in found.sentence
