@@ -13,6 +13,7 @@ from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.cells import Numbers, Table, mark_fault, numbers
 from scenarios.files.measured.columns import Column, column_place, find_column, missing_column, named_otherwise
 from scenarios.files.measured.record_file import RecordFile, read_record_file
+from scenarios.files.measured.sidecar import refuse_unknown_units
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
@@ -57,6 +58,7 @@ def read_record(
     """
     file = source if isinstance(source, RecordFile) else read_record_file(source)
     table, channel_map = file.table, channel_map or file.choices
+    refuse_unknown_units(file.sidecar, table.header, file.path, {*CHANNEL_UNITS, *known, *channel_map})
     further = {name for name in optional if name not in (*model_inputs, *model_outputs)} if model_outputs else set()
     wanted = [TIME, *model_inputs, *model_outputs, *(name for name in optional if name not in model_outputs)]
     columns = _columns(file, wanted, further, channel_map, known)

@@ -12,7 +12,7 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.cells import MISSING, one_line
+from scenarios.files.measured.cells import MISSING, header_cell
 from scenarios.files.measured.columns import Column, column_place, find_column, missing_column
 from scenarios.files.units import to_si
 from sim.errors import RecordError
@@ -68,7 +68,7 @@ def read_header(line: bytes, name: str, choices: Mapping[str, ColumnChoice] | No
     RecordError : not UTF-8, not separated by commas, no time or stick, none of the outputs, or as for ``find_column``.
     """
     try:
-        cells = [one_line(cell) for cell in next(csv.reader([line.decode("utf-8-sig")]), [])]
+        cells = [header_cell(cell, name) for cell in next(csv.reader([line.decode("utf-8-sig")]), [])]
     except UnicodeDecodeError:
         raise RecordError("not UTF-8 text", where=f"{name}, row 1", remedy="stream comma-separated text in UTF-8") from None
     except csv.Error as error:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.files.measured.cells import MISSING, Table, first_line, has_decimal_comma, one_line, plain_number
+from scenarios.files.measured.cells import MISSING, Table, first_line, has_decimal_comma, header_cell, one_line, plain_number
 from scenarios.files.units import is_unit
 from sim.errors import RecordError
 
@@ -44,7 +44,7 @@ def delimited_table(path: Path, raw: bytes) -> Table:
     lines = _rows(path, text[first:], separator, len(above))
     if not any(cell.strip() for _, cells in lines for cell in cells):
         raise RecordError("the file is empty", where=str(path), remedy="give a header row and one row a sample")
-    header = tuple(one_line(cell) for cell in lines[0][1])
+    header = tuple(header_cell(cell, str(path)) for cell in lines[0][1])
     _refuse_other_layouts(path, header, lines, above)
     body = lines[1:]
     units = _units(header, body)
