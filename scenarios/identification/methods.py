@@ -91,8 +91,9 @@ def estimated_by(
     system = compile_model(model, outputs)
     if method == "equation-error":
         from ident.regression.equation_error import run_equation_error
+        from ident.whole_record.numerical_error import with_sampling_error
 
-        return system, run_equation_error(records, system)
+        return system, with_sampling_error(run_equation_error(records, system), records, system, settings)
     if method == FREQUENCY:
         return system, estimated(records, system, settings, delays_of(model), options.band)
     if method == "filter-error":
