@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.statistics.coloured_covariance import corrected_covariance
-from ident.statistics.information import inverse_information
+from ident.statistics.information import determined_and_open, inverse_information
 from ident.whole_record.best_start import fit_from_best_start, in_pieces, put_together, quiet, said_of_pieces, started_unstable
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
@@ -94,7 +94,10 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
         return inverse, determined
     layout = fit.layout
     parts = [(layout.columns(r), fit.jacobians[r], fit.residuals[r], problem.valid) for r, problem in enumerate(layout.problems)]
-    return corrected_covariance(inverse, parts, fit.variance, prior_information(fit)), determined
+    if determined:
+        return corrected_covariance(inverse, parts, fit.variance, prior_information(fit)), True
+    known, unknown = determined_and_open(normal, fit.theta)
+    return corrected_covariance(known, parts, fit.variance, prior_information(fit)) + unknown, False
 
 
 def prior_information(fit: Fit) -> np.ndarray | None:
