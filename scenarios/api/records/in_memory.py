@@ -148,7 +148,7 @@ def _plain(values: Any) -> np.ndarray:
         if pandas.api.types.is_numeric_dtype(dtype) and not pandas.api.types.is_bool_dtype(dtype):
             return values.to_numpy(dtype=float, na_value=np.nan)
     if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "fiu":
-        return values.astype(float).filled(np.nan)
+        return np.asarray(np.ma.filled(values.astype(float), np.nan))
     return np.asarray(values)
 
 

@@ -31,6 +31,7 @@ class Sidecar:
     says_hold : whether the file says so, or ``hold`` is only the default.
     simulated : whether a program made the data; figures say so.
     units : channel -> unit of a column whose header carries none.
+    file : name of the JSON file; empty where there is none.
     """
 
     name: str | None = None
@@ -38,6 +39,7 @@ class Sidecar:
     units: Mapping[str, str] = field(default_factory=dict)
     says_hold: bool = False
     simulated: bool = False
+    file: str = ""
 
 
 def sidecar_path(record: Path) -> Path:
@@ -92,7 +94,7 @@ def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
         raise RecordError("a unit is not a text", where=f"{path}, key units", remedy='write {"alpha": "rad", ...}')
     if not isinstance(content.get("origin", ""), str):
         raise RecordError("the origin is not a text", where=f"{path}, key origin", remedy=f"write {SIMULATED}, or leave it out")
-    return Sidecar(name, Hold(hold), units, "hold" in content, content.get("origin") == SIMULATED)
+    return Sidecar(name, Hold(hold), units, "hold" in content, content.get("origin") == SIMULATED, path.name)
 
 
 def refuse_unknown_units(sidecar: Sidecar, header: Sequence[str], record: Path, known: Collection[str]) -> None:
