@@ -45,9 +45,8 @@ def read_record(
     instead : output -> channel that is read, under its own name, where that output has no column.
     hold : behaviour of the inputs between samples; None: as the sidecar says, else previous.
     known : all channels that there are, and their units inside.
-    SI, radians and g inside; the stick keeps its numbers and its unit as a label. Columns that nobody asked
-    for are never looked at. Row numbers in messages are the file's: the first line of a CSV file is row 1, the
-    first sample of a Parquet or MAT file is row 1.
+    SI, radians and g inside; the stick keeps its numbers and its unit as a label. Columns that nobody asked for are never looked at.
+    Row numbers in messages are the file's: the first line of a CSV file is row 1, the first sample of a Parquet or MAT file is row 1.
 
     The window is one block of rows in the file's order. Each of its two ends is put where it contradicts the fewest
     time stamps, so broken stamps outside do no harm, and one inside stays inside and is reported.
