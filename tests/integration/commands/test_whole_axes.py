@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sim.declaration.model import Noise
-from sim.maneuvers.steps import Sum, doublet, three_two_one_one
+from sim.maneuvers.steps import Maneuver, Sum, doublet, three_two_one_one
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
 from tests.integration.command_line import CommandLine, contents
@@ -132,7 +132,7 @@ def test_the_kinematics_are_checked_with_a_longitudinal_file(flightid: CommandLi
 
 def test_a_gap_in_time_with_a_poor_start_is_named_and_does_no_harm(flightid: CommandLine, tmp_path: Path) -> None:
     """All signs of the vehicle file are turned, so that the fit begins again from equation error; rows of a long rest are missing."""
-    moves = {"aileron": Sum((doublet(0.07, 0.8, 1.0), doublet(0.05, 0.8, 41.0))), "rudder": three_two_one_one(0.06, 0.72, 4.0)}
+    moves: dict[str, Maneuver] = {"aileron": Sum((doublet(0.07, 0.8, 1.0), doublet(0.05, 0.8, 41.0))), "rudder": three_two_one_one(0.06, 0.72, 4.0)}
     true = true_model("lateral").with_noise(Noise(NOISE["lateral"]))
     record, _ = fly(true, moves, sample_times(RATE, 48.0), np.random.default_rng(3), step=0.01)
     kept = (record.time < 14.0) | (record.time > 40.0)
