@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from sim.declaration.arguments import WatchedTime
 from sim.declaration.system import System
+from sim.errors import ModelError
 from sim.maths.elementary import COMPLEX_STEP
 from sim.propagation.grid import Drive
 
 Function = Callable[[list[Any]], Sequence[Any]]
 _TRIALS, _AGREEMENT = 12, 1e-10
-_NO_TIME: Any = object()  # equations that ask what time it is fail on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,7 @@ def bilinear(function: Function, n: int, states: int, inputs: int) -> Bilinear |
             moving = [*range(states), *range(n, size)]
             if np.any(twice[:, moving][:, :, moving]) or not _agrees(function, table):
                 return None
-        except (ArithmeticError, TypeError, ValueError):
+        except (ArithmeticError, TypeError, ValueError, ModelError):  # what is wrong with a model is reported where it is simulated
             return None
     return table
 
@@ -86,9 +87,10 @@ def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear]
             whole[index] = value
         return w[:n_x], w[n:], whole
 
-    f = bilinear(lambda w: system.f(_NO_TIME, *split(w)), n, n_x, n_u)
-    h = None if f is None else bilinear(lambda w: system.h(_NO_TIME, *split(w)), n, n_x, n_u)
-    return None if f is None or h is None else (f, h)
+    time: Any = WatchedTime()
+    f = bilinear(lambda w: system.f(time, *split(w)), n, n_x, n_u)
+    h = None if f is None or time.used else bilinear(lambda w: system.h(time, *split(w)), n, n_x, n_u)
+    return None if f is None or h is None or time.used else (f, h)
 
 
 def held_within_steps(drive: Drive) -> bool:

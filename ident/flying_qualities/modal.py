@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.estimate import Estimate
 from ident.flying_qualities.whole_axes import LATERAL_STATES, LONGITUDINAL_STATES, lateral_modes, longitudinal_modes
+from ident.statistics.information import variance_along
 from sim.declaration.system import System
 from sim.maths.elementary import complex_step_jacobian
 
@@ -51,11 +52,11 @@ def modal_estimate(system: System, estimate: Estimate, held: Collection[str] = (
 
     ``natural_frequency`` and ``damping_ratio`` of a short period; the modes of ``whole_axes`` where the states are those of a lateral or a
     whole longitudinal motion. Standard deviations by linearisation in the estimated parameters, as TM-101722 does for its figure 8.
-    ``held`` as in ``slowest_oscillation``.
+    ``held`` as in ``slowest_oscillation``. Modes that no estimated parameter moves are left out: they are declared, not estimated.
     """
     names, centre, gradient = propagated(_modes_of(system, held), system, estimate)
-    rows = zip(names, centre, gradient, strict=True)
-    return {name: (float(value), float(np.sqrt(max(row @ estimate.covariance @ row, 0.0)))) for name, value, row in rows}
+    std = np.sqrt(variance_along(estimate.covariance, gradient))
+    return {name: (float(value), float(sigma)) for name, value, sigma in zip(names, centre, std, strict=True) if sigma > 0.0}
 
 
 def propagated(
@@ -63,7 +64,8 @@ def propagated(
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """Names and values ``(k,)`` of what follows from all parameters at an estimate, and its gradient ``(k, n)`` by the estimated ones.
 
-    Central differences, a ten-thousandth of a sigma to either side; a number that is not there on both sides is left out.
+    Central differences, to either side by a ten-thousandth of a sigma, or of the value where the sigma is larger; a number that is not there
+    on both sides is left out.
     """
     p = system.parameters.values()
     index = [system.parameters.index(name) for name in estimate.names]
@@ -71,7 +73,8 @@ def propagated(
     centre = numbers(p)
     gradient = {name: np.zeros(len(index)) for name in centre}
     for column, (i, sigma) in enumerate(zip(index, estimate.std, strict=True)):
-        step = max(1e-4 * sigma, 1e-9 * abs(p[i]), 1e-300)
+        size = min(sigma, abs(p[i])) if p[i] else min(sigma, 1.0)
+        step = max(1e-4 * size, 1e-9 * abs(p[i]), 1e-300)
         above, below = (numbers(_moved(p, i, by)) for by in (step, -step))
         gradient = {name: row for name, row in gradient.items() if name in above and name in below}
         for name, row in gradient.items():

@@ -17,7 +17,7 @@ from ident.frequency_domain.linear_model import bent
 from ident.frequency_domain.noise_spectrum import about_each, coloured, equal_bands, one_band
 from ident.frequency_domain.transform import transformed, usual_band
 from ident.regression.equation_error import run_equation_error
-from ident.statistics.information import inverse_information
+from ident.statistics.information import determined_and_open, inverse_information
 from sim.declaration.system import System
 from sim.errors import FlightidError, ModelError
 from sim.record import Record
@@ -102,11 +102,12 @@ def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]
     frequency domain); no sigma is below that of level noise.
     """
     information, _ = fit.normal_equations
-    inverse, determined = inverse_information(information, fit.theta)
+    whole, determined = inverse_information(information, fit.theta)
+    inverse, unknown = (whole, 0.0 * whole) if determined else determined_and_open(information, fit.theta)
     values = 2.0 * float(fit.counts.sum())
     level = inverse * values / max(values - len(fit.theta), 1.0)
     if not colour:
-        return level, determined
+        return level + unknown, determined
     middle = np.zeros_like(inverse)
     for r, slope in enumerate(fit.slopes):
         at = fit.problem.columns(r)
@@ -116,8 +117,8 @@ def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]
         middle[np.ix_(at, at)] += rows.T @ rows
     corrected = inverse @ middle @ inverse
     white, own = np.diag(level), np.diag(corrected)
-    factor = np.sqrt(np.maximum(white / np.maximum(own, 1e-12 * white), 1.0))
-    return corrected * np.outer(factor, factor), determined
+    factor = np.sqrt(np.maximum(np.divide(white, np.maximum(own, 1e-12 * white), out=np.ones_like(own), where=white > 0.0), 1.0))
+    return corrected * np.outer(factor, factor) + unknown, determined
 
 
 def _posed(records: Sequence[Record], system: System, settings: FrequencySettings, delays: Mapping[str, str]) -> FrequencyProblem:

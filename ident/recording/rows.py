@@ -42,6 +42,8 @@ def _finding(record: Record, gaps: np.ndarray, usual: float, certainty: Certaint
     told = f"misses about {rows} row(s) {word + ' ' if word else ''}({places}{' and so on' if len(times) > 3 else ''})"
     likely = certainty is Certainty.LIKELY
     told += ": what the input did there is taken from the row before" if likely else ""
+    if record.inputs and not likely:
+        told += ": a simulation goes through with the inputs of the row before"
     remedy = "give the parts before and after as segments, --from and --to in pairs" if likely else ""
     numbers = {"rows": Number(float(rows), "1"), "longest": Number(float(np.max(steps[gaps])), "s")}
     return Finding("time", Kind.ROWS_MISSING, certainty, told, remedy, times, numbers)

@@ -21,7 +21,7 @@ import numpy as np
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.regression.state_histories import StateData, state_data
 from ident.statistics.coloured_covariance import corrected_covariance
-from ident.statistics.information import conditional_scale, inverse_information
+from ident.statistics.information import conditional_scale, determined_and_open, inverse_information
 from ident.statistics.normal_equations import add_normal_equations, unresolved
 from sim.declaration.system import System
 from sim.errors import ModelError
@@ -147,7 +147,9 @@ def _equations(layout: _Layout, r: int, mine: np.ndarray) -> _Equations:
     time = record.time
     grid = make_grid(time, float(np.diff(time).max()))
     drive = drive_from_record(system, p, record.input_array(system.input_names), time, record.hold, grid)
-    u_begin, u_end = [_deep(row) for row in drive.begin], [_deep(row) for row in drive.end]
+    # The grid has further nodes where samples are far apart; the equations are taken from sample to sample.
+    u_begin = [_deep(np.asarray(row)[grid.sample]) for row in drive.begin]
+    u_end = [_deep(np.asarray(row)[grid.sample[1:] - 1]) for row in drive.end]
     x = [_deep(state.smooth) - (0.0 if state.bias is None else p[state.bias]) for state in data]
     n = len(time)
     before = system.f(time[:-1, None], [row[:-1] for row in x], [row[:-1] for row in u_begin], p)
@@ -228,7 +230,8 @@ def _finished(layout: _Layout, theta: np.ndarray, parts: list[_Equations], outco
         outcome = Outcome.NOT_IDENTIFIABLE
     if settings.coloured:
         coloured = [(layout.columns(r), part.jacobian, part.residual, part.valid) for r, part in enumerate(parts)]
-        covariance = corrected_covariance(covariance, coloured, variance)
+        known, unknown = (covariance, 0.0) if determined else determined_and_open(information, theta)
+        covariance = corrected_covariance(known, coloured, variance) + unknown
     log_likelihood = -_cost(parts) - 0.5 * float(counts.sum()) * (1.0 + np.log(2.0 * np.pi))
     units = tuple(system.parameters[name].unit for name in layout.shared)
     return Estimate(

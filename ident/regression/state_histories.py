@@ -6,7 +6,9 @@ A state that is measured under its own name is taken from its channel; a state t
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from sim.errors import ModelError
 from sim.maths.elementary import complex_step_jacobian
 from sim.record import Record
 
+Function = Callable[[Any, Any, Any, Any], Sequence[Any]]
 SLOPE_FACTOR = 2  # a slope is noisier than a value: its window is this much wider
 
 
@@ -54,14 +57,14 @@ def state_data(record: Record, system: System) -> list[StateData]:
     widths: dict[str, int] = {}
     for name in names:
         if name in record.output_names and name in system.output_names:
-            _require_plain_reading(system, name)
+            _require_plain_reading(system, name, record.time)
             channel = record[name]
             half = half_width_by_cross_validation(record.time, channel.values, channel.valid)
             bias = system.parameters.index(f"bias_{name}") if f"bias_{name}" in system.parameters else None
             smooth = smoothed(record.time, channel.values, channel.valid, half)
             slopes = windows(record.time, channel.valid, SLOPE_FACTOR * half, 1)
             found[name], widths[name] = StateData(channel.values, channel.valid, smooth, slopes, bias), half
-    relations = rate_relations(system)
+    relations = rate_relations(system, record.time)
     waiting = [name for name in names if name not in found]
     while waiting:
         derived = [(name, source) for name in waiting for source, rate in relations.items() if rate == name and source in found]
@@ -80,8 +83,8 @@ def state_data(record: Record, system: System) -> list[StateData]:
     return [found[name] for name in names]
 
 
-def rate_relations(system: System) -> dict[str, str]:
-    """States whose rate is exactly another state: ``{"altitude": "velocity"}``; found from the values and Jacobian of f."""
+def rate_relations(system: System, times: np.ndarray) -> dict[str, str]:
+    """States whose rate is exactly another state: ``{"altitude": "velocity"}``; found from the Jacobian of f, and its values at all ``times``."""
     names, n_x, n_u = system.state_names, len(system.states), len(system.inputs)
     p = system.parameters.values()
     relations: dict[str, str] = {}
@@ -89,15 +92,15 @@ def rate_relations(system: System) -> dict[str, str]:
         point = np.concatenate([_away(system.initial.values(), shift), np.full(n_u, 0.1 + shift), p])
 
         def rates(a: list, n_x: int = n_x, n_u: int = n_u) -> list:
-            return system.f(0.0, a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])
+            return system.f(float(times[0]), a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])
 
-        values, jacobian = rates(point.tolist()), complex_step_jacobian(rates, point.tolist())
+        values, jacobian = _at_all_times(system.f, point, n_x, n_u, times), complex_step_jacobian(rates, point.tolist())
         here = {}
         for i, name in enumerate(names):
             for j in range(n_x):
                 wanted = np.zeros(len(point))
                 wanted[j] = 1.0
-                if i != j and np.array_equal(jacobian[i], wanted) and float(values[i]) == point[j]:
+                if i != j and np.array_equal(jacobian[i], wanted) and bool(np.all(values[i] == point[j])):
                     here[name] = names[j]
         relations = here if shift == 0.37 else {key: value for key, value in relations.items() if here.get(key) == value}
     return relations
@@ -116,20 +119,28 @@ def _from_slope(time: np.ndarray, source: StateData, half: int, name: str) -> tu
     return StateData(np.where(fit.usable, slope, 0.0), fit.usable, smooth, slopes, None), used
 
 
-def _require_plain_reading(system: System, name: str) -> None:
-    """The output must be the state itself, apart from its own bias."""
+def _at_all_times(function: Function, point: np.ndarray, n_x: int, n_u: int, times: np.ndarray) -> list[np.ndarray]:
+    """Values of ``f`` or ``h`` at one point of states, inputs and parameters, an array over the times (or a number) for each."""
+    a = point.tolist()
+    return [np.asarray(row) for row in function(times, a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])]
+
+
+def _require_plain_reading(system: System, name: str, times: np.ndarray) -> None:
+    """The output must be the state itself at all times, apart from its own bias."""
     n_x, n_u = len(system.states), len(system.inputs)
     point = np.concatenate([_away(system.initial.values(), 0.37), np.full(n_u, 0.1), system.parameters.values()])
     row = system.output_names.index(name)
 
     def reading(a: list) -> list:
-        return [system.h(0.0, a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])[row]]
+        return [system.h(float(times[0]), a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])[row]]
 
     wanted = np.zeros(len(point))
     wanted[system.state_names.index(name)] = 1.0
     if f"bias_{name}" in system.parameters:
         wanted[n_x + n_u + system.parameters.index(f"bias_{name}")] = 1.0
-    if not np.array_equal(complex_step_jacobian(reading, point.tolist())[0], wanted):
+    values = _at_all_times(system.h, point, n_x, n_u, times)[row]
+    changes = bool(np.any(values != values.flat[0]))
+    if changes or not np.array_equal(complex_step_jacobian(reading, point.tolist())[0], wanted):
         raise ModelError(
             f"output {name} shows more than state {name}",
             where=f"equation error, state {name}",

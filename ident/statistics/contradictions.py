@@ -22,3 +22,17 @@ def contradiction(value: float, std: float, declared: float) -> str:
     if share - SIGMAS * sigma > THREEFOLD:
         return f"is {share:.2g} times as large"
     return ""
+
+
+def shortfall(value: float, std: float, declared: float) -> str:
+    """By how much an estimate falls short of a declared value: ``"is 12 times smaller"``; empty where it does not.
+
+    It falls short where no value within two sigmas reaches a third of the declared size: a constant of the vehicle file that is too large,
+    such as its chord, makes derivatives too small by the same factor. A value of the other sign is for ``contradiction``.
+    """
+    if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
+        return ""
+    share, sigma = value / declared, abs(std / declared)
+    if abs(share) + SIGMAS * sigma >= 1.0 / THREEFOLD or share + SIGMAS * sigma < 0.0:
+        return ""
+    return f"is {1.0 / share:.2g} times smaller" if share > SIGMAS * sigma else "is not told from zero"

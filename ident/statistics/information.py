@@ -28,6 +28,34 @@ def inverse_information(information: np.ndarray, size: np.ndarray | float = 0.0,
     return square * ((vectors / np.maximum(values, least)) @ vectors.T), bool(values[0] > least)
 
 
+def determined_and_open(information: np.ndarray, size: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """The covariance of ``inverse_information`` as a sum, ``(n, n)`` each: of the directions that are determined, and of the others.
+
+    A product with the sum would lose the first part to rounding: the second is larger by up to ``1 / UNDETERMINED``.
+    """
+    if not len(information):
+        return np.zeros((0, 0)), np.zeros((0, 0))
+    square, values, vectors = _spectrum(information, size)
+    least = UNDETERMINED * (float(values[-1]) if values[-1] > 0 else 1.0)
+    known = values > least
+    return (
+        square * ((vectors[:, known] / values[known]) @ vectors[:, known].T),
+        square * ((vectors[:, ~known] / least) @ vectors[:, ~known].T),
+    )
+
+
+def variance_along(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Variances ``(k,)`` of the linear combinations ``rows (k, n)`` of unknowns, each with what rounding may have taken from it.
+
+    Where directions are open, huge covariances cancel in a combination that does not contain them. The sum then holds no more than its
+    rounding error, which is the variance reported: it is never zero, and never smaller than what the arithmetic resolves.
+    """
+    n = covariance.shape[0]
+    sizes = np.abs(rows) @ np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    found = np.einsum("ki,ij,kj->k", rows, covariance, rows)
+    return np.asarray(np.maximum(found, 0.0) + n * np.finfo(float).eps * sizes**2)
+
+
 def bounded_inverse(information: np.ndarray) -> np.ndarray:
     """Inverse ``(n, n)`` for a step, without the directions that hold less than FOLLOWED of the scaled information."""
     square, values, vectors = _spectrum(information, 0.0)

@@ -28,7 +28,7 @@ def known_states(record: Record, system: System, p: Sequence[float] | np.ndarray
             found[i] = record.time[channel.valid], channel.values[channel.valid] - _bias(system, name, p)
     if len(found) in (0, len(names)):
         return found
-    for source, rate in rate_relations(system).items():
+    for source, rate in rate_relations(system, record.time).items():
         i, j = names.index(source), names.index(rate)
         if i in found and j not in found and len(found[i][0]) > 12:
             time, values = found[i]

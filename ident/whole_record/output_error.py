@@ -13,10 +13,11 @@ import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.statistics.coloured_covariance import corrected_covariance
-from ident.statistics.information import inverse_information
+from ident.statistics.information import determined_and_open, inverse_information
 from ident.whole_record.best_start import fit_from_best_start, in_pieces, put_together, quiet, said_of_pieces, started_unstable
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
+from ident.whole_record.numerical_error import with_integration_error
 from ident.whole_record.unstable_motion import projected_covariance
 from sim.declaration.system import System
 from sim.errors import ModelError
@@ -66,7 +67,8 @@ def _fitted(records: Sequence[Record], system: System, settings: FitSettings, lo
         raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
     fit = fit_from_best_start(layout)
     found = failed_estimate(layout) if fit is None else estimate_of(fit)
-    return replace(found, fitted=put_together(found.fitted, pieces), message=said_of_pieces(pieces))
+    said = "; ".join(sentence for sentence in (said_of_pieces(pieces), found.message) if sentence)
+    return replace(found, fitted=put_together(found.fitted, pieces), message=said)
 
 
 def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
@@ -92,7 +94,10 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
         return inverse, determined
     layout = fit.layout
     parts = [(layout.columns(r), fit.jacobians[r], fit.residuals[r], problem.valid) for r, problem in enumerate(layout.problems)]
-    return corrected_covariance(inverse, parts, fit.variance, prior_information(fit)), determined
+    if determined:
+        return corrected_covariance(inverse, parts, fit.variance, prior_information(fit)), True
+    known, unknown = determined_and_open(normal, fit.theta)
+    return corrected_covariance(known, parts, fit.variance, prior_information(fit)) + unknown, False
 
 
 def prior_information(fit: Fit) -> np.ndarray | None:
@@ -106,11 +111,11 @@ def prior_information(fit: Fit) -> np.ndarray | None:
 
 
 def estimate_of(fit: Fit) -> Estimate:
-    """The shared parameters of a fit as an Estimate."""
+    """The shared parameters of a fit as an Estimate; its covariance holds the error of the integration where that counts."""
     layout, n = fit.layout, len(fit.layout.shared)
     covariance, determined = shared_covariance(fit)
     outcome = Outcome.DEGENERATE if degenerate(fit) else fit.outcome if determined else Outcome.NOT_IDENTIFIABLE
-    return Estimate(
+    found = Estimate(
         METHOD,
         layout.shared,
         tuple(layout.system.parameters[name].unit for name in layout.shared),
@@ -123,6 +128,7 @@ def estimate_of(fit: Fit) -> Estimate:
         tuple(line.y for line in fit.lines),
         iterations=fit.iterations,
     )
+    return with_integration_error(found, fit) if quiet(layout, fit.theta) else found
 
 
 def failed_estimate(layout: FitLayout, method: str = METHOD) -> Estimate:

@@ -13,7 +13,7 @@ from scenarios.api.records.record import Record
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.files.measured.record_file import RecordFile, refuse_twice
 from scenarios.files.own_models import OwnModel, model_in_memory
-from scenarios.files.vehicles import MODELS, vehicle_beside
+from scenarios.files.vehicles import MODELS
 from scenarios.preparation.plan import Plan, plan_of
 from scenarios.preparation.request import Request
 from sim.declaration.model import Model
@@ -49,7 +49,7 @@ def request_of(
     return Request(
         tuple(files[: len(fitted)]),
         asked,
-        source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else vehicle_beside(files[0]),
+        source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else None,
         tuple(files[len(fitted) :]),
         effects_of(effects),
         choices_of(channels),

@@ -98,7 +98,7 @@ def _prepared(record: str, vehicle: Path | None, reference: Path | None, channel
     sidecar = read_sidecar(Path(record))
     if sidecar.hold is not Hold.PREVIOUS:
         raise RecordError("its inputs are linear between samples", where=record, remedy="a stream holds them; use flightid identify")
-    return Watch(record, vehicle, known, choices, sidecar.units, refine)
+    return Watch(record, vehicle, known, choices, sidecar.units, refine, sidecar.file)
 
 
 @contextmanager

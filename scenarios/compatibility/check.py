@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.result import Compatibility, CompatibilitySettings
+from ident.compatibility.result import Compatibility, CompatibilitySettings, SensorFinding
 from ident.compatibility.signals import measured_channels
 from ident.compatibility.six_degrees.channels import CHANNELS, WRAPPED, recorded
 from ident.recording.finding import Expectations
@@ -16,7 +16,7 @@ from scenarios.files.channel_names import STICK, TIME
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile, all_simulated, identities, read_record_files, refuse_twice, with_names
 from scenarios.files.sources import InputFile
-from scenarios.files.vehicles import VehicleFile, read_any_vehicle, vehicle_beside
+from scenarios.files.vehicles import VehicleFile, read_any_vehicle, read_beside, vehicle_beside
 from scenarios.preparation.gaps import split_at_gaps
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_of, joined, looked_at
@@ -27,12 +27,16 @@ from sim.record import Channel, Record
 
 INPUTS = ("elevator", STICK, "aileron", "rudder")
 PRESSURE = "dynamic_pressure"
+MADE_OF_PRESSURE = "airspeed from the dynamic pressure"
+ACCELEROMETERS = ("nz", "az", "ny", "ay")
 
 
 @dataclass(frozen=True, eq=False)
 class Check:
     """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or found.
 
+    ``declared_speed``: m/s, of the vehicle file, where a record has no airspeed of its own. ``declared_density``: kg/m3, of the vehicle file,
+    where an airspeed was made of a dynamic pressure. None where they were not used.
     ``notes`` say how records were prepared, ``look`` what their raw columns show, ``simulated`` whether a
     program made all of them, as the JSON beside them says.
     """
@@ -45,6 +49,25 @@ class Check:
     notes: tuple[str, ...] = ()
     look: RawLook = NOTHING_SEEN
     simulated: bool = False
+    declared_speed: float | None = None
+    declared_density: float | None = None
+
+
+def equivalent_constant(check: Check, finding: SensorFinding) -> str:
+    """The number of the vehicle file that, were it wrong, would look like the scale of an accelerometer; empty where there is none.
+
+    In alpha_dot = q - g nz/V a factor on the load factor is one on the airspeed; an airspeed V = sqrt(2 q/rho) of a dynamic pressure
+    goes with the air's density.
+    """
+    names = {finding.name, *finding.group}
+    if check.vehicle is None or not names & {f"sensor-scale:{channel}" for channel in ACCELEROMETERS}:
+        return ""
+    known = finding.kind == "scale" and finding.channel in ACCELEROMETERS and finding.value > 0.0
+    for word, unit, value, power in (("airspeed", "m/s", check.declared_speed, 1.0), ("air_density", "kg/m3", check.declared_density, -2.0)):
+        if value is not None:
+            instead = f"{word} = {value * finding.value**power:.4g} {unit} in place of {value:.4g}" if known else f"another {word} than {value:.4g}"
+            return f"{instead} in {check.vehicle.name} would explain it as well"
+    return ""
 
 
 def check_files(request: Request) -> Check:
@@ -58,7 +81,8 @@ def check_files(request: Request) -> Check:
     FlightidError : anything in the files that keeps them from being used, in one line.
     """
     refuse_twice(request.records)
-    chosen = request.vehicle if request.vehicle is not None else vehicle_beside(request.records[0])
+    beside = vehicle_beside(request.records[0]) if request.vehicle is None else None
+    chosen = request.vehicle if request.vehicle is not None else beside
     declared = read_any_vehicle(chosen) if chosen is not None else None
     settings = settings_of(declared) if declared is not None else CompatibilitySettings()
     choices, plan = column_choices(request), request.plan
@@ -69,8 +93,13 @@ def check_files(request: Request) -> Check:
     look = joined([look for _, _, look in read], trusted=plan.trusted)
     result = compatibility(records, settings)
     vehicle = declared.identity if declared is not None else None
-    notes = (*(note for _, told, _ in read for note in told), *(note for _, note in parted if note))
-    return Check(result, records, settings, identities(files), vehicle, notes, look, all_simulated(files))
+    notes = (*read_beside(files, beside), *(note for _, told, _ in read for note in told), *(note for _, note in parted if note))
+    check = Check(result, records, settings, identities(files), vehicle, notes, look, all_simulated(files))
+    if declared is None:
+        return check
+    recorded_speed = all("airspeed" in record.output_names for record in records)
+    density = declared.constants.get("air_density") if any(MADE_OF_PRESSURE in note for note in notes) else None
+    return replace(check, declared_speed=None if recorded_speed else settings.airspeed, declared_density=density)
 
 
 def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
@@ -144,5 +173,5 @@ def _with_speed(record: Record, vehicle: VehicleFile | None) -> tuple[Record, st
     if density is None or "airspeed" in rest.output_names:
         return rest, ""
     speed = np.sqrt(2.0 * np.maximum(np.where(pressure.valid, pressure.values, np.nan), 0.0) / density)
-    said = f"{record.name}: airspeed from the dynamic pressure, in air of {density:g} kg/m3"
+    said = f"{record.name}: {MADE_OF_PRESSURE}, in air of {density:g} kg/m3"
     return replace(rest, outputs=(*rest.outputs, Channel.of("airspeed", "m/s", speed))), said

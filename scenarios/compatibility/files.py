@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.compatibility.result import CheckResult, Quantity, SensorEstimate, SensorFinding
-from scenarios.compatibility.check import Check
+from scenarios.compatibility.check import Check, equivalent_constant
 from scenarios.compatibility.page import check_page
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
@@ -48,7 +48,7 @@ def check_content(check: Check) -> dict[str, Any]:
         "single": [_result(item) for item in result.single],
         "findings": [_finding(item) for item in result.findings if item.stands],
         "cannot_tell": list(result.cannot_tell),
-        "warnings": [*check.look.doubts, *check.look.set_aside],
+        "warnings": [*check.look.doubts, *check.look.set_aside, *_equivalents(check)],
         "notes": [*check.notes, *result.notes],
         "record": record_content(check.look),
         "inputs": {
@@ -58,6 +58,12 @@ def check_content(check: Check) -> dict[str, Any]:
         },
         "versions": versions(),
     }
+
+
+def _equivalents(check: Check) -> list[str]:
+    """Numbers of the vehicle file that would explain a finding as well."""
+    found = [(finding.name, equivalent_constant(check, finding)) for finding in check.result.findings if finding.stands]
+    return [f"{name}: {said}" for name, said in found if said]
 
 
 def _result(result: CheckResult) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from ident.compatibility.faults import PACKAGE, VANES
 from ident.compatibility.result import CheckResult, SensorEstimate, SensorFinding
-from scenarios.compatibility.check import Check
+from scenarios.compatibility.check import Check, equivalent_constant
 from scenarios.preparation.record_words import record_lines
 from scenarios.terminal.display_units import shown_in, spaced, unit_cell
 from scenarios.terminal.numbers import console, number
@@ -81,7 +81,8 @@ def finding_lines(check: Check) -> list[str]:
     for finding in result.findings:
         if finding.stands and finding.name not in said:
             said |= {finding.name, *finding.group}
-            lines.append(f"stands: {sentence(finding)}")
+            other = equivalent_constant(check, finding)
+            lines.append(f"stands: {sentence(finding)}{f'; {other}' if other else ''}")
         elif not finding.replicates:
             lines.append(f"does not replicate: {finding.name}, the records by themselves disagree")
     if len(result.single) > 1:

@@ -18,7 +18,7 @@ from scenarios.diagnosis.tracing import Inputs, Tracing
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.measured.record_file import all_simulated, refuse_twice
 from scenarios.files.own_models import is_of_aircraft, moves_about_rest
-from scenarios.files.vehicles import refuse_unknown_model
+from scenarios.files.vehicles import read_beside, refuse_unknown_model, vehicle_beside
 from scenarios.preparation.plan import WHOLE, Plan
 from scenarios.preparation.request import Request
 from scenarios.preparation.vehicle_model import step_for
@@ -93,6 +93,11 @@ class _Study:
     settings: TraceSettings
     overflows: Overflows
 
+    def _read_beside(self) -> tuple[str, ...]:
+        """The files that were read without being named."""
+        beside = vehicle_beside(self.request.records[0]) if self.request.vehicle is None else None
+        return read_beside([*self.opened.records, *self.opened.validation], beside)
+
     def told(self, posed: Posed, diagnosis: Diagnosis, kinematics: Kinematics | None = None, decides: Design | None = None) -> Tracing:
         """The result with what went in."""
         opened = self.opened
@@ -110,7 +115,7 @@ class _Study:
             posed.held_out_from,
             {effect.name: " ".join(effect.explanation.split()) for effect in self.candidates},
             {effect.name: effect.traits for effect in reversed(self.candidates)},
-            (*posed.notes, *said_of(opened.vehicle.constraints, posed.model), *pressed),
+            (*self._read_beside(), *posed.notes, *said_of(opened.vehicle.constraints, posed.model), *pressed),
             posed.doubts,
             kinematics,
             posed.look,

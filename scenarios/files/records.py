@@ -17,6 +17,7 @@ from scenarios.files.measured.clock import grid_of_coarse_stamps, sorted_rows
 from scenarios.files.measured.columns import Column, column_place, find_column, missing_column, named_otherwise
 from scenarios.files.measured.derived import clock_of, clock_place, leaps, stated_unit, with_derived
 from scenarios.files.measured.record_file import RecordFile, read_record_file
+from scenarios.files.measured.sidecar import refuse_unknown_units
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
@@ -72,9 +73,8 @@ def read_record(
     hold : behaviour of the inputs between samples; None: as the sidecar says, else previous.
     known : all channels that there are, and their units inside.
     rate : Hz; the samples per second of a file without a clock, and the grid on which topics of a log are put.
-    SI, radians and g inside; the stick keeps its numbers and its unit as a label. Columns that nobody asked
-    for are never looked at. Row numbers in messages are the file's: the first line of a CSV file is row 1, the
-    first sample of a Parquet or MAT file is row 1.
+    SI, radians and g inside; the stick keeps its numbers and its unit as a label. Columns that nobody asked for are never looked at.
+    Row numbers in messages are the file's: the first line of a CSV file is row 1, the first sample of a Parquet or MAT file is row 1.
 
     The window is one block of rows in the file's order. Each of its two ends is put where it contradicts the fewest
     time stamps, so broken stamps outside do no harm, and one inside stays inside and is reported.
@@ -103,6 +103,7 @@ def read_with_notes(
     file = source if isinstance(source, RecordFile) else read_record_file(source)
     channel_map = channel_map or file.choices
     others = list(dict.fromkeys((*model_outputs, *optional, *(instead or {}).values())))
+    refuse_unknown_units(file.sidecar, file.table.header, file.path, {*CHANNEL_UNITS, *known, *channel_map})
     way = None if hold is None else hold.value
     file, channel_map = with_derived(file, channel_map, model_inputs, others, rate=rate, hold=way, known=known)
     table = file.table

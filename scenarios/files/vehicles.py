@@ -75,6 +75,16 @@ def vehicle_beside(record: Path | RecordFile) -> Path | None:
     return beside if beside is not None and beside.is_file() else None
 
 
+def read_beside(records: Sequence[RecordFile], vehicle: Path | None) -> tuple[str, ...]:
+    """A sentence that names the files that were read without being named: a vehicle file and the JSON files of records; empty without one.
+
+    ``vehicle``: the file that ``vehicle_beside`` found, None where the vehicle file was named.
+    """
+    names = [str(vehicle)] if vehicle is not None else []
+    names += [str(record.path.with_name(record.sidecar.file)) for record in records if record.sidecar.file and not record.in_memory]
+    return (f"read without being named, because found beside the records: {', '.join(dict.fromkeys(names))}",) if names else ()
+
+
 def refuse_unknown_model(model: str | OwnModel, where: str) -> None:
     """Raise DeclarationError where there is no such model; whether a user's file declares one is for its reader to say."""
     if model not in MODELS and not is_model_file(model):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ident.estimate import Estimate, Outcome
-from ident.statistics.contradictions import contradiction
+from ident.statistics.contradictions import contradiction, shortfall
 from scenarios.files.vehicles import VehicleFile
 from scenarios.studies.rows import Row
 from scenarios.terminal.numbers import number
@@ -28,11 +28,12 @@ def cautions_of(vehicle: VehicleFile, estimate: Estimate, rows: Sequence[Row]) -
 
 
 def contradicted(rows: Sequence[Row], declared: Mapping[str, float]) -> str:
-    """One sentence on all derivatives that the vehicle file contradicts by two sigmas; empty where there is none."""
+    """One sentence on all derivatives that the vehicle file contradicts by two sigmas, as too large, too small or of the other sign; or nothing."""
     found = []
     for row in rows:
         start = declared.get(row.name, 0.0)
-        why = contradiction(row.estimate, row.std, start) if row.name not in FREE_OF_CHARGE else ""
+        given = row.estimate, row.std, start
+        why = "" if row.name in FREE_OF_CHARGE else contradiction(*given) or shortfall(*given)
         if why:
             found.append(f"{row.name} {number(row.estimate, row.std)} +- {number(row.std, row.std)} {why} (vehicle file {start:.4g})")
     return f"not to be believed: {'; '.join(found)}; {CAUSES}; flightid diagnose looks for the cause" if found else ""

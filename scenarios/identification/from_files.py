@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import RecordFile, read_with_validation, refuse_twice
 from scenarios.files.own_models import channel_units
-from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_model, vehicle_beside
+from scenarios.files.vehicles import VehicleFile, read_beside, read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.identification.assessment.intervals import SETTLED
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.identify import identify
@@ -62,7 +62,8 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
     refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
-    vehicle = read_vehicle(request.vehicle or vehicle_beside(request.records[0]), request.model)
+    beside = vehicle_beside(request.records[0]) if request.vehicle is None else None
+    vehicle = read_vehicle(request.vehicle or beside, request.model)
     flown = flown_of(request, vehicle)
     choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
     files, validation = read_with_validation(request.records, request.validate)
@@ -73,6 +74,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     ready, found = identified(request.plan, options)
     if method not in FILTERS and found.record.inputs and request.plan.hold is None and not any(file.sidecar.says_hold for file in files):
         found = _read_otherwise(found, lambda hold: identified(replace(request.plan, hold=hold), replace(options, profile=None))[1])
+    found = replace(found, notes=(*read_beside([*files, *validation], beside), *found.notes))
     return Identified(found, flown, ready.measured, files, validation, request.plan)
 
 

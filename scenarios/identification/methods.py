@@ -91,8 +91,9 @@ def estimated_by(
     system = compile_model(model, outputs)
     if method == "equation-error":
         from ident.regression.equation_error import run_equation_error
+        from ident.whole_record.numerical_error import with_sampling_error
 
-        return system, run_equation_error(records, system)
+        return system, with_sampling_error(run_equation_error(records, system), records, system, settings)
     if method == FREQUENCY:
         return system, estimated(records, system, settings, delays_of(model), options.band)
     if method == "filter-error":
@@ -124,7 +125,7 @@ def forced(model: Model, records: Sequence[Record] = ()) -> Model:
     from sim.effects.library import effects_for
 
     if is_own(model):
-        return model.with_noise(replace(model.noise, process_density={name: _density(name, records) for name in _driven_states(model)}))
+        return model.with_noise(replace(model.noise, process_density={name: _density(name, records) for name in _driven_states(model, records)}))
     rough = next((effect for effect in effects_for(model.equations) if effect.name == TURBULENCE), None)
     if rough is not None:
         return model.with_effects(rough)
@@ -134,9 +135,10 @@ def forced(model: Model, records: Sequence[Record] = ()) -> Model:
     return model.with_noise(replace(model.noise, process_density={"velocity": ACCELERATION_DENSITY}))
 
 
-def _driven_states(model: Model) -> list[str]:
-    """States whose rate moves with a free parameter: a rate that is another state is known, and nothing forces it."""
+def _driven_states(model: Model, records: Sequence[Record]) -> list[str]:
+    """States whose rate moves with a free parameter at some time: a rate that is another state is known, and nothing forces it."""
     system = compile_model(model)
+    times = np.concatenate([np.zeros(1), *(record.time for record in records)])
     rest = np.array([*system.initial.values(), *inputs_at_rest(model)]) + ASIDE
     x, u = rest[: len(system.states)].tolist(), rest[len(system.states) :].tolist()
     p = system.parameters.values()
@@ -144,8 +146,8 @@ def _driven_states(model: Model) -> list[str]:
     for name in system.parameters.free_names:
         other = p.copy()
         other[system.parameters.index(name)] += ASIDE * max(1.0, abs(other[system.parameters.index(name)]))
-        rates = zip(system.f(0.0, x, u, p.tolist()), system.f(0.0, x, u, other.tolist()), system.state_names, strict=True)
-        moved |= {state for one, two, state in rates if one != two}
+        rates = zip(system.f(times, x, u, p.tolist()), system.f(times, x, u, other.tolist()), system.state_names, strict=True)
+        moved |= {state for one, two, state in rates if np.any(one != two)}
     return [name for name in system.state_names if name in moved]
 
 

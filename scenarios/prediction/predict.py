@@ -18,7 +18,7 @@ from scenarios.files.channels import read_channel_map
 from scenarios.files.measured.record_file import RecordFile, all_simulated, opened
 from scenarios.files.own_models import OwnModel, channel_units
 from scenarios.files.sources import InputFile, read_source
-from scenarios.files.vehicles import VehicleFile, read_vehicle
+from scenarios.files.vehicles import VehicleFile, read_beside, read_vehicle
 from scenarios.identification.assessment.prediction import record_fits
 from scenarios.identification.gravity import PATH, with_weight
 from scenarios.kept.kept_model import DIAGNOSE, KeptFile, KeptModel, read_kept
@@ -108,7 +108,17 @@ def predict_record(asked: Asked) -> Prediction:
         raise RecordError("it has none of the study's outputs", where=str(source.path), remedy=remedy)
     before, after = (_by_diagnosis if kept.made_by == DIAGNOSE else _by_identification)(kept, declared, record)
     return Prediction(
-        asked.study, kept, vehicle.name, record, source.identity, channels, after, before, ready.notes, _warnings(ready), all_simulated([source])
+        asked.study,
+        kept,
+        vehicle.name,
+        record,
+        source.identity,
+        channels,
+        after,
+        before,
+        (*read_beside([source], None), *ready.notes),
+        _warnings(ready),
+        all_simulated([source]),
     )
 
 

@@ -13,7 +13,7 @@ from scenarios.files.declarations import checked, read_toml_source, toml_of
 from scenarios.files.own_models import is_model_file
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.units import to_si
-from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
+from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.files.versions import own_version
 from scenarios.files.writing import unportable
 from scenarios.preparation.plan import Plan, plan_of
@@ -53,6 +53,11 @@ class Flight:
     date: str = ""
     tail: str = ""
     digest: str = ""
+
+    @property
+    def vehicle_beside(self) -> Path | None:
+        """The vehicle file that is read because it is in the folder of the record, where the survey names none."""
+        return None if self.vehicle else vehicle_beside(self.records[0])
 
     def request(self) -> Request:
         """What a diagnosis of this flight is asked."""
@@ -225,6 +230,7 @@ def _digest(flight: Flight) -> str:
     """A hash of everything that a flight's results depend on; of a file that is not there, that it is not."""
     files = [*flight.records, *(each.with_suffix(".json") for each in flight.records)]
     files += [each for each in (flight.channels, flight.effects, Path(flight.model) if is_model_file(flight.model) else None) if each is not None]
+    files += [each for each in (flight.vehicle_beside,) if each is not None]
     contents = [hashlib.sha256(each.read_bytes()).hexdigest() if each.is_file() else "" for each in files]
     rest = [FORM, own_version(), flight.name, flight.model, flight.vehicle, repr(flight.plan), flight.effort, *contents]
     return hashlib.sha256(json.dumps(rest).encode()).hexdigest()

@@ -50,6 +50,12 @@ class Survey:
         failed = [f"{name} failed: {reason}" for name, reason in self.grown.failed.items()]
         return (*failed, *(f"{name} could not be fitted with what recurs: {reason}" for name, reason in self.unfitted.items()))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The vehicle files that were read without being named, in one sentence; empty without one."""
+        found = dict.fromkeys(str(flight.vehicle_beside) for flight in self.flights.flights if flight.vehicle_beside is not None)
+        return (f"read without being named, because found beside the records: {', '.join(found)}",) if found else ()
+
     def __repr__(self) -> str:
         named = ", ".join(each.name for each in self.recurs) or "nothing recurs"
         return f"<Survey of {len(self.grown.kept)} flights: {named}>"

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from ident.statistics.residuals import ResidualTest
 from scenarios.terminal.display_units import in_hertz
-from scenarios.terminal.quantities import AXES
+from scenarios.terminal.quantities import AXES, determined
 
 GROWING = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
 
@@ -50,6 +50,8 @@ def _derived_text(key: str, value: float, std: float) -> str:
     unit = "" if "damping" in key else " s" if key.endswith(("delay", "constant")) else " rad/s"
     grows = f" (grows, doubled after {-value * math.log(2.0):.3g} s)" if key.endswith("time_constant") and value < -GROWING * std else ""
     words = key.replace("_", " ").replace("dutch", "Dutch")
+    if not determined(value, std):
+        return f"{words} not determined"
     return f"{words} {number(value, std)} +- {number(std, std)}{unit}{in_hertz(value, key, unit.strip())}{grows}"
 
 

@@ -6,14 +6,16 @@ import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.formats.cells import MISSING, one_line
+from scenarios.files.formats.cells import MISSING, header_cell
 from scenarios.files.measured.columns import Column, column_place, find_column, missing_column
+from scenarios.files.measured.sidecar import Sidecar, refuse_unknown_units
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 
@@ -68,13 +70,14 @@ def read_header(line: bytes, name: str, choices: Mapping[str, ColumnChoice] | No
     RecordError : not UTF-8, not separated by commas, no time or stick, none of the outputs, or as for ``find_column``.
     """
     try:
-        cells = [one_line(cell) for cell in next(csv.reader([line.decode("utf-8-sig")]), [])]
+        cells = [header_cell(cell, name) for cell in next(csv.reader([line.decode("utf-8-sig")]), [])]
     except UnicodeDecodeError:
         raise RecordError("not UTF-8 text", where=f"{name}, row 1", remedy="stream comma-separated text in UTF-8") from None
     except csv.Error as error:
         raise RecordError(f"not comma-separated text ({error})", where=f"{name}, row 1", remedy="stream comma-separated text in UTF-8") from None
     if len(cells) == 1 and any(mark in cells[0] for mark in ";\t"):
         raise RecordError("the columns are not separated by commas", where=f"{name}, row 1", remedy="put commas between the columns")
+    refuse_unknown_units(Sidecar(units=units or {}), cells, Path(name), {*CHANNEL_UNITS, *(choices or {})})
     columns = tuple(find_column(channel, cells, name, choices, units) for channel in (TIME, *INPUTS, *OUTPUTS))
     for channel, column in zip((TIME, *INPUTS), columns, strict=False):
         if column is None:

@@ -89,3 +89,5 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
         inside = "inside the bounds of" if any(item.z is not None for item in end.standings) else "nothing to hold against"
         said = f"outside the bounds of {watch.reference.name}: {', '.join(outside)}" if outside else f"{inside} {watch.reference.name}"
         terminal.print(said, highlight=False)
+    if watch.beside:
+        terminal.print(f"note: {watch.beside} was found beside the record and read for its units", highlight=False)

@@ -23,7 +23,10 @@ TOGETHER = 200  # rows that are filtered before they are written and shown: a fe
 
 @dataclass
 class Watch:
-    """What the loop changes: the header once it came, how far the stream is, and what was left out."""
+    """What the loop changes: the header once it came, how far the stream is, and what was left out.
+
+    ``beside``: name of the JSON file that was read because it is beside the record, empty without one.
+    """
 
     name: str
     vehicle_path: Path | None
@@ -31,6 +34,7 @@ class Watch:
     choices: Mapping[str, ColumnChoice] | None
     units: Mapping[str, str]
     refine: bool = True
+    beside: str = ""
     header: Header | None = None
     session: Session | None = None
     order: Order = field(default_factory=Order)

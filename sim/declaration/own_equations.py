@@ -10,6 +10,7 @@ from pathlib import Path
 from traceback import walk_tb
 from typing import Any
 
+from sim.declaration.arguments import NO_CHANGE, ChangedArgument
 from sim.declaration.effect import Signal
 from sim.errors import FlightidError, ModelError
 from sim.maths.elementary import plus
@@ -94,9 +95,11 @@ NO_COMPLEX = "use sin, exp, sqrt, absolute, clip, where and the like of sim.math
 
 def fault(model: str, what: str, function: Answer, error: Exception, s: Any, p: Any) -> FlightidError:
     """One line on an error that a user's function raised: what, in which function, file and line."""
-    if isinstance(error, FlightidError):
+    if isinstance(error, FlightidError) and not isinstance(error, ChangedArgument):
         return error
     where, text = place(model, what, function, error), " ".join(f"{type(error).__name__}: {error}".split())
+    if _changes_argument(error):
+        return ModelError("it changes what it was given, s or p, in place", where=where, remedy=NO_CHANGE)
     if isinstance(error, AttributeError) and (error.obj is s or error.obj is p):
         known = [name for name in dir(error.obj) if not name.startswith("_")]
         near = get_close_matches(str(error.name), known, n=1)
@@ -109,6 +112,17 @@ def fault(model: str, what: str, function: Answer, error: Exception, s: Any, p: 
     if isinstance(error, ArithmeticError):
         return ModelError(text, where=where, remedy="give starts and `initial` values at which it is a number")
     return ModelError(text, where=where, remedy="mend that line")
+
+
+def _changes_argument(error: Exception) -> bool:
+    """Whether an error comes of an assignment to a signal or parameter, to an element of one, or to a read-only array."""
+    text = str(error)
+    return (
+        isinstance(error, ChangedArgument)
+        or (isinstance(error, ValueError) and "read-only" in text)
+        or (isinstance(error, AttributeError) and text.startswith(("can't set", "can't delete")))
+        or (isinstance(error, TypeError) and "does not support item" in text)
+    )
 
 
 def written_in(model: str, what: str, function: Callable[..., object]) -> str:

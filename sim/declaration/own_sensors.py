@@ -6,11 +6,11 @@ An angle that nothing but its own gyro feels is known to a constant.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from sim.declaration.arguments import Signals
 from sim.declaration.own_equations import OwnEquations
 from sim.declaration.own_trial import Starts, beside
 from sim.errors import ModelError
@@ -48,10 +48,10 @@ def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
 
 def _slopes(equations: OwnEquations, at: Starts) -> tuple[np.ndarray, np.ndarray]:
     """A ``(n, n)`` and C ``(m, n)`` at a point."""
-    names, p = [signal.name for signal in equations.states], SimpleNamespace(**at.parameters)
+    names, p = [signal.name for signal in equations.states], Signals(**at.parameters)
 
     def answers(x: Sequence[Any]) -> list[Any]:
-        s = SimpleNamespace(**{**at.signals, **dict(zip(names, x, strict=True))})
+        s = Signals(**{**at.signals, **dict(zip(names, x, strict=True))})
         s.__dict__.update(equations.flow(s, p))
         return [*equations.derivatives(s, p), *equations.measurements(s, p)]
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.declaration.arguments import signals_from, with_locked_arrays
 from sim.declaration.own_equations import NO_COMPLEX, Answer, OwnEquations, fault, written_in
 from sim.errors import FlightidError, ModelError
 from sim.maths.elementary import COMPLEX_STEP
@@ -49,14 +50,26 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     for side in (1.0, -1.0):
         _compare_slopes(equations, beside(starts, side))
     arrays = Starts(*({name: np.array([value, value]) for name, value in some.items()} for some in (starts.signals, starts.parameters)))
-    for (what, name), value in evaluated(equations, arrays).items():
+    first, again = evaluated(equations, arrays), evaluated(equations, arrays)
+    for (what, name), value in first.items():
+        _refuse_reused(equations, what, name, value, again[what, name], arrays)
         if np.shape(value) not in ((), (2,)):
             told = f"{_told(what, name)} of shape {np.shape(value)} where signals have shape (2,)"
             where = written_in(equations.name, what, _function(equations, what))
             raise ModelError(told, where=where, remedy="write it so that it broadcasts over arrays")
     if equations.formed is None:
         return ()
-    return tuple(_asked(equations, "flow", equations.formed, SimpleNamespace(**starts.signals), SimpleNamespace(**starts.parameters)))
+    return tuple(_asked(equations, "flow", equations.formed, signals_from(starts.signals), signals_from(starts.parameters)))
+
+
+def _refuse_reused(equations: OwnEquations, what: str, name: str, value: Any, again: Any, given: Starts) -> None:
+    """Raise ModelError for an array that a function makes once and overwrites at each call: earlier answers would change with it."""
+    arguments = [*given.signals.values(), *given.parameters.values()]
+    if not isinstance(value, np.ndarray) or any(np.shares_memory(value, each) for each in arguments):
+        return
+    if value.flags.writeable and isinstance(again, np.ndarray) and np.shares_memory(value, again):
+        where = written_in(equations.name, what, _function(equations, what))
+        raise ModelError(f"{_told(what, name)} is the same array at every call", where=where, remedy="return a new array at each call")
 
 
 def _function(equations: OwnEquations, what: str) -> Answer:
@@ -77,7 +90,7 @@ class _Noting(SimpleNamespace):
 
 def parameters_asked(equations: OwnEquations, starts: Starts) -> frozenset[str]:
     """Names of the parameters that the functions ask for when they are evaluated at the starts."""
-    s, p = SimpleNamespace(**starts.signals), _Noting(**starts.parameters, _asked=set())
+    s, p = signals_from(starts.signals), _Noting(**starts.parameters, _asked=set())
     if equations.formed is not None:
         s.__dict__.update(equations.formed(s, p))
     equations.rates(s, p)
@@ -92,14 +105,14 @@ def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], 
     ------
     ModelError : an answer that is no mapping, lacks a name or has one too many, or is no number.
     """
-    s = SimpleNamespace(**starts.signals)
-    p = namedtuple("Parameters", starts.parameters)(**starts.parameters)
+    s = signals_from(starts.signals)
+    p = with_locked_arrays(namedtuple("Parameters", starts.parameters)(**starts.parameters))
     if equations.formed is not None:
         found = _asked(equations, "flow", equations.formed, s, p)
         for name, value in found.items():
             _refuse_name(equations, name, starts)
             _number(equations, "flow", str(name), value)
-        s.__dict__.update(found)
+        s = signals_from({**starts.signals, **found})
     out: dict[tuple[str, str], Any] = {}
     for what, function, signals in (("rates", equations.rates, equations.states), ("readings", equations.readings, equations.outputs)):
         found, known = _asked(equations, what, function, s, p), [signal.name for signal in signals]

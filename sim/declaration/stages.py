@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
+from itertools import count
 from typing import Any
 
 import numpy as np
 
+from sim.declaration.arguments import Signals, is_sampled, lock_arrays, with_locked_arrays
 from sim.declaration.effect import NoiseEffect, Station, rates_read_by
 from sim.declaration.model import Model
 from sim.declaration.own_equations import OwnEquations
 from sim.declaration.parts import Parts
 from sim.declaration.system import Rows
 
-Bus = Callable[[Any, Rows, Rows, Rows], tuple[SimpleNamespace, Any]]
-Measured = Callable[[SimpleNamespace, Any, Rows], dict[str, Any]]
+Bus = Callable[[Any, Rows, Rows, Rows], tuple[Signals, Any]]
+Measured = Callable[[Signals, Any, Rows], dict[str, Any]]
 
 
 def signals_of(parts: Parts) -> Bus:
@@ -29,9 +30,10 @@ def signals_of(parts: Parts) -> Bus:
     others = [(effect, own[effect.name]) for effect in parts.dynamics if effect.station is not Station.DISTURBANCE]
     # The flow of a user's own model may hold the ports, to which dynamics add only after it was formed for them.
     forms_ports = bool(others) and isinstance(equations, OwnEquations) and equations.formed is not None and not equations.rate_ports
+    users, calls = isinstance(equations, OwnEquations), count()
 
-    def signals(t: Any, x: Rows, u: Rows, p: Rows) -> tuple[SimpleNamespace, Any]:
-        s = SimpleNamespace(time=t, **zero_ports)
+    def signals(t: Any, x: Rows, u: Rows, p: Rows) -> tuple[Signals, Any]:
+        s = Signals(time=t, **zero_ports)
         bus = s.__dict__
         bus.update(zip(state_names, x, strict=False))
         bus.update(zip(input_names, u, strict=False))
@@ -45,12 +47,18 @@ def signals_of(parts: Parts) -> Bus:
             vehicle = vehicle._replace(**{name: getattr(vehicle, name) + change(s, gather(p))})
         for changes, gather in together:
             vehicle = vehicle._replace(**{name: getattr(vehicle, name) + value for name, value in changes(s, gather(p)).items()})
+        locks = users and is_sampled(next(calls))
+        if locks:
+            vehicle = with_locked_arrays(vehicle)
+            lock_arrays(bus)
         bus.update(equations.flow(s, vehicle))
         for effect, gather in others:
             for port, value in effect.increments(s, vehicle, gather(p)).items():
                 bus[port] = bus[port] + value
         if forms_ports:
             bus.update(equations.flow(s, vehicle))
+        if locks:
+            lock_arrays(bus)
         return s, vehicle
 
     return signals
@@ -62,7 +70,7 @@ def measured_of(parts: Parts) -> Measured:
     base_outputs = tuple(signal.name for signal in equations.outputs)
     rates = tuple(f"{signal.name}_dot" for signal in equations.states) if any(rates_read_by(effect) for effect in readings) else ()
 
-    def measured(s: SimpleNamespace, vehicle: Any, p: Rows) -> dict[str, Any]:
+    def measured(s: Signals, vehicle: Any, p: Rows) -> dict[str, Any]:
         if rates:
             for name, rate in zip(rates, equations.derivatives(s, vehicle), strict=True):
                 s.__dict__.setdefault(name, rate)  # an own model may have a state of that name

@@ -33,13 +33,14 @@ class Column:
 def columns_of(file: RecordFile) -> dict[str, Column]:
     """Every channel of a record file, time left out, in the order of its columns.
 
-    A column that is none of our channels, or of a unit that does not fit it, keeps its name and numbers; one without numbers is left out.
+    A column that is none of our channels, or of a unit that does not fit it, keeps its name and numbers; one without numbers is left out, and
+    so is one that is no sequence (``refuse_unreadable``).
     """
     taken: dict[int, tuple[str, Column]] = {}
     under = file.table.units or ("",) * len(file.table.header)
     for name in sorted(CHANNEL_UNITS, key=lambda each: each not in file.choices):  # what is mapped is nothing else
         found, unit = _found(file, name), CHANNEL_UNITS[name]
-        if found is not None and found.index not in taken:
+        if found is not None and found.index not in taken and found.index not in file.table.unreadable:
             told = found.unit if name == STICK else unit
             taken[found.index] = (name, Column(told, found.header, partial(_channel, file, name)))
     for name in (each for each in file.choices if each not in CHANNEL_UNITS):
@@ -48,12 +49,21 @@ def columns_of(file: RecordFile) -> dict[str, Column]:
             if choice.column in (cell, split_header(cell)[0]):
                 taken[index] = (name, Column(choice.unit or split_header(cell)[1] or under[index] or "1", cell, partial(_raw, file, index)))
     for index, cell in enumerate(file.table.header):
-        if index not in taken and cell and _numeric(file, index):
+        if index not in taken and index not in file.table.unreadable and cell and _numeric(file, index):
             name, unit_told = split_header(cell)
             told = unit_told or under[index] or file.sidecar.units.get(name) or file.sidecar.units.get(cell) or "1"
             taken[index] = (name if name not in CHANNEL_UNITS else cell, Column(told, cell, partial(_raw, file, index)))
     clock = clock_place(file.table)
     return {name: column for index, (name, column) in sorted(taken.items()) if name != TIME and index != clock}
+
+
+def refuse_unreadable(file: RecordFile, name: str) -> None:
+    """Raise RecordError where a channel's column is in the file and holds no sequence of numbers."""
+    found = _found(file, name) if name in CHANNEL_UNITS else None
+    at = [found.index] if found is not None else [index for index, cell in enumerate(file.table.header) if _called(cell, name)]
+    for index in at:
+        if index in file.table.unreadable:
+            numbers(file.table, index)
 
 
 def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:

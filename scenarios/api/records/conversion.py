@@ -25,12 +25,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Told:
-    """What a container says of a record besides its numbers; None and empty where it does not say."""
+    """What a container says of a record besides its numbers; None and empty where it does not say.
+
+    ``unreadable``: names of variables that are not one value a sample, and why.
+    """
 
     units: Mapping[str, str] = field(default_factory=dict)
     name: str | None = None
     hold: str | None = None
     inputs: tuple[str, ...] | None = None
+    unreadable: Mapping[str, str] = field(default_factory=dict)
 
 
 def unpacked(source: Any) -> tuple[Path | Mapping[str, Any], Told]:
@@ -128,8 +132,14 @@ def _of_response(response: control.TimeResponseData) -> tuple[Mapping[str, Any],
 
 def _of_dataset(dataset: xarray.Dataset) -> tuple[Mapping[str, Any], Told]:
     along = dataset[TIME].dims if TIME in dataset.variables else None
-    variables = {str(name): dataset[name] for name in (*dataset.coords, *dataset.data_vars) if dataset[name].dims == along or along is None}
+    every = {str(name): dataset[name] for name in (*dataset.coords, *dataset.data_vars)}
+    variables = {name: each for name, each in every.items() if each.dims == along or along is None}
+    others = {
+        name: f"over {', '.join(map(str, each.dims))}, not over {', '.join(map(str, along or ()))}" if each.dims else "a single number"
+        for name, each in every.items()
+        if name not in variables
+    }
     told = _of_attributes(dataset.attrs)
     units = {name: str(each.attrs["units"]) for name, each in variables.items() if "units" in each.attrs}
     columns = {name: each.to_numpy() for name, each in variables.items()}
-    return columns, Told({**told.units, **units}, told.name, told.hold, told.inputs)
+    return columns, Told({**told.units, **units}, told.name, told.hold, told.inputs, others)

@@ -13,7 +13,8 @@ import numpy as np
 
 from scenarios.files.channel_names import TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.formats.cells import Table, one_line
+from scenarios.files.formats.cells import Table, header_cell
+from scenarios.files.formats.parquet import frame_header
 from scenarios.files.measured.columns import split_header
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.measured.sidecar import Sidecar
@@ -34,34 +35,42 @@ def file_of_columns(
     units: Mapping[str, str] | None = None,
     hold: Hold | None = None,
     choices: Mapping[str, ColumnChoice] | None = None,
+    unreadable: Mapping[str, str] | None = None,
 ) -> RecordFile:
     """A record file of named sequences, rows counted from 1. A time of datetimes counts from its first sample, one of timedeltas from zero, s.
+
+    ``unreadable``: further names, and why they hold no sequence of numbers; whoever asks for one of them is refused.
 
     Raises
     ------
     RecordError : no column, no row, or columns that are not one-dimensional.
     """
     label = name or NAME
-    header = tuple(one_line(str(column)) for column in columns)
+    header = tuple(header_cell(str(column), label) for column in columns)
     if not header:
         raise RecordError("there is no column", where=label, remedy="give time and one column a channel")
     values = tuple(_column(label, cell, column) for cell, column in zip(header, columns.values(), strict=True))
     rows = max(column.size for column in values)
     if rows == 0:
         raise RecordError("there is a header but no rows", where=label, remedy="give one row a sample")
-    table = Table(label, header, values, np.arange(1, rows + 1))
+    others = {} if unreadable is None else dict(unreadable)
+    faults = {len(header) + at: fault for at, fault in enumerate(others.values())}
+    header = (*header, *(header_cell(name, label) for name in others))
+    table = Table(label, header, (*values, *(np.full(rows, np.nan) for _ in others)), np.arange(1, rows + 1), unreadable=faults)
     sidecar = Sidecar(label, hold or Hold.PREVIOUS, dict(units or {}), hold is not None)
     return RecordFile(Path(label), table, sidecar, InputFile(label, _digest(table)), dict(choices or {}), in_memory=True)
 
 
 def columns_of_frame(frame: pandas.DataFrame) -> dict[str, Any]:
-    """Columns of a DataFrame by their texts; the time from its index where no column is named so and the index is one of times, or is named time.
+    """Columns of a DataFrame by their texts, and its index where that has a name.
+
+    The time comes from the index where no column is named so and the index is one of times, or is named time.
 
     Raises RecordError where two columns have one name.
     """
     import pandas
 
-    names = [" ".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in frame.columns]
+    names = [frame_header(name) for name in frame.columns]
     columns: dict[str, Any] = {}
     for position, name in enumerate(names):
         if name in columns:
@@ -71,7 +80,8 @@ def columns_of_frame(frame: pandas.DataFrame) -> dict[str, Any]:
     named = index.name is not None and split_header(str(index.name))[0] == TIME
     if named or (isinstance(index, pandas.DatetimeIndex | pandas.TimedeltaIndex) and not _has_time(names)):
         return {str(index.name) if named else TIME: index, **columns}
-    return columns
+    levels = {str(name): index.get_level_values(at) for at, name in enumerate(index.names) if name is not None}
+    return {**{name: values for name, values in levels.items() if name not in columns}, **columns}
 
 
 def columns_of_record(record: Record) -> tuple[dict[str, np.ndarray], dict[str, str]]:
@@ -137,6 +147,8 @@ def _plain(values: Any) -> np.ndarray:
 
         if pandas.api.types.is_numeric_dtype(dtype) and not pandas.api.types.is_bool_dtype(dtype):
             return values.to_numpy(dtype=float, na_value=np.nan)
+    if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "fiu":
+        return np.asarray(np.ma.filled(values.astype(float), np.nan))
     return np.asarray(values)
 
 

@@ -38,7 +38,7 @@ def opened_source(
         sidecar = replace(file.sidecar, units={**file.sidecar.units, **known})
         file = replace(file, sidecar=sidecar if held is None else replace(sidecar, hold=Hold(held), says_hold=True))
     else:
-        file = file_of_columns(content, name or told.name, known, held)
+        file = file_of_columns(content, name or told.name, known, held, unreadable=told.unreadable)
     chosen = choices_of(channels, units or {})
     if chosen is not None:
         choices = read_channel_map(chosen) if isinstance(chosen, Path) else read_channel_map(chosen, chosen)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.api.records.channels import INPUTS, Column, columns_of
+from scenarios.api.records.channels import INPUTS, Column, columns_of, refuse_unreadable
 from scenarios.api.records.in_memory import columns_of_record, file_of_columns
 from scenarios.api.records.opening import Choices, Units, opened_source
 from scenarios.api.shown import html
@@ -86,6 +86,7 @@ class Record:
         if name == TIME:
             return self.time
         if name not in self._columns:
+            refuse_unreadable(self.file, name)
             raise RecordError(f"there is no channel {name!r}", where=self.name, remedy=f"it has {', '.join(self._columns)}")
         return self._columns[name].values()
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from sim.errors import RecordError
 
 MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "null"})
 _MARKED = re.compile(r"[+-]?(?=[.,]*\d)[\d.,]+([eE][+-]?\d+)?")  # a number as somebody wrote it, with points and commas in it
@@ -28,6 +31,8 @@ class Table:
     separator : what stands between the cells of a text file, else empty.
     stated_apart : whether ``units`` are metadata of the file, which recorders fill in carelessly, and no row that somebody wrote.
     decimal_comma : whether the numbers are written with a comma where others write a point.
+    unreadable : why a column (by position) is no sequence of numbers, ``"an array of 801x2"``. Its cells are empty; whoever asks for its
+        numbers is refused.
     """
 
     file: str
@@ -39,6 +44,7 @@ class Table:
     separator: str = ""
     decimal_comma: bool = False
     stated_apart: bool = False
+    unreadable: Mapping[int, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Table {self.file}: {self.rows.size} rows of {len(self.header)} columns>"
@@ -53,7 +59,13 @@ class Numbers:
 
 
 def numbers(table: Table, index: int) -> Numbers:
-    """A column as floats; what is not a number, by the file's decimal mark, is kept apart with its position."""
+    """A column as floats; what is not a number, by the file's decimal mark, is kept apart with its position.
+
+    Raises RecordError for a column that holds no sequence of numbers.
+    """
+    if index in table.unreadable:
+        where = f"{table.file}, column {table.header[index]!r}"
+        raise RecordError(f"it is {table.unreadable[index]}", where=where, remedy="store one vector for each channel, or rename what is no channel")
     column = table.columns[index]
     if isinstance(column, np.ndarray) and column.dtype.kind in "fiu":
         return Numbers(column.astype(float), {})
@@ -103,6 +115,14 @@ def first_line(error: Exception) -> str:
     """The first line of what another library says, short enough for a message."""
     text = str(error).strip()
     return text.splitlines()[0][:160] if text else type(error).__name__
+
+
+def header_cell(cell: str, file: str) -> str:
+    """A header cell on one line. Raises RecordError where it holds characters that cannot be seen, with which no channel would be found."""
+    if any(character not in "\t\r\n" and unicodedata.category(character) in ("Cc", "Cf", "Cs") for character in cell):
+        shown = repr(cell if len(cell) <= 60 else cell[:57] + "...")
+        raise RecordError(f"the name {shown} holds control characters", where=f"{file}, header", remedy="rename that column")
+    return one_line(cell)
 
 
 def one_line(cell: str) -> str:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.files.formats.cells import Table, one_line
+from scenarios.files.formats.cells import Table, header_cell
 from scenarios.files.formats.topic import Topic, damaged, missing_library
+from scenarios.files.units import is_unit
 
 FORMAT = "Parquet"
 SUFFIXES = (".parquet", ".pq", ".feather", ".ft", ".arrow")
@@ -29,7 +30,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         frame = pandas.read_feather(io.BytesIO(raw)) if feather else pandas.read_parquet(io.BytesIO(raw), engine="pyarrow")
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, kind) from None
-    if frame.index.name is not None:
+    if any(name is not None for name in frame.index.names):
         frame = frame.reset_index()
     columns = []
     for index in range(frame.shape[1]):
@@ -42,5 +43,15 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         else:
             cells = series.astype(object).where(series.notna(), None).to_numpy() if not plain else None
             columns.append(series.to_numpy(dtype=float, na_value=np.nan) if cells is None else cells)
-    header = tuple(one_line(str(name)) for name in frame.columns)
+    header = tuple(header_cell(frame_header(name), str(path)) for name in frame.columns)
     return (Topic("", Table(str(path), header, tuple(columns), np.arange(1, len(frame) + 1))),)
+
+
+def frame_header(name: object) -> str:
+    """The name of a DataFrame's column as a header cell; of a column of several levels ``alpha [deg]`` where the last level is a unit."""
+    if not isinstance(name, tuple):
+        return str(name)
+    words = [text for level in name if (text := str(level))]
+    if len(words) > 1 and is_unit(words[-1]):
+        return f"{' '.join(words[:-1])} [{words[-1]}]"
+    return " ".join(words)

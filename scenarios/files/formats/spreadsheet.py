@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.cells import Table, one_line
+from scenarios.files.formats.cells import Table, header_cell
 from scenarios.files.formats.layout import header_row, unit_row
 from scenarios.files.formats.topic import Topic, damaged, missing_library, no_table
 
@@ -45,7 +45,7 @@ def _table(path: Path, sheet: str, rows: list[list[Any]]) -> Table | None:
     if first is None or first + 1 >= len(rows):
         return None
     width = max((index + 1 for index, cell in enumerate(texts[first]) if cell.strip()), default=0)
-    header = tuple(one_line(cell) for cell in texts[first][:width])
+    header = tuple(header_cell(cell, f"{path}, sheet {sheet!r}") for cell in texts[first][:width])
     units = unit_row(header, texts[first + 1][:width])
     begin = first + (2 if units else 1)
     kept = [index for index in range(begin, len(rows)) if any(cell.strip() for cell in texts[index][:width])]

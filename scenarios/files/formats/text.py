@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scenarios.files.formats.cells import MISSING, Table, has_decimal_comma, one_line
+from scenarios.files.formats.cells import MISSING, Table, has_decimal_comma, header_cell
 from scenarios.files.formats.layout import LOOKED_AT, has_number, header_row, is_number, unit_row
 from scenarios.files.formats.topic import Topic
 from sim.errors import RecordError
@@ -109,7 +109,7 @@ def _table(path: Path, text: str, separator: str, above: int, *, named: bool, co
             raise RecordError("there is no header, the first row holds numbers", where=f"{path}, row {lines[0][0]}", remedy=remedy)
         named = False
     if named:
-        header, body = tuple(one_line(cell) for cell in lines[0][1]), lines[1:]
+        header, body = tuple(header_cell(cell, str(path)) for cell in lines[0][1]), lines[1:]
         units = unit_row(header, body[0][1]) if body else ()
         body = body[1:] if units else body
     else:
@@ -216,7 +216,7 @@ def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> 
     body = begin.split("\n", 1)[-1]
     if separator not in (*SEPARATORS, BLANKS) or len(lines) < 3 or '"' in body or (separator != "," and "," in body):
         return None
-    header = tuple(one_line(cell) for cell in _cells(lines[0], separator)) if named else ()
+    header = tuple(header_cell(cell, str(path)) for cell in _cells(lines[0], separator)) if named else ()
     if named and has_number(header):
         return None
     units = unit_row(header, _cells(lines[1], separator)) if named else ()

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from scenarios.files.formats.cells import Table, one_line
+from scenarios.files.formats.cells import Table, header_cell
 from sim.errors import RecordError
 
 
@@ -49,7 +49,13 @@ class Reader(Protocol):
 
 
 def table_of_columns(
-    path: Path, columns: Mapping[str, Any], units: Mapping[str, str] | None = None, *, place: str = "", rows: int | None = None
+    path: Path,
+    columns: Mapping[str, Any],
+    units: Mapping[str, str] | None = None,
+    *,
+    place: str = "",
+    rows: int | None = None,
+    unreadable: Mapping[str, str] | None = None,
 ) -> Table:
     """A table of named columns; shorter ones are refused when a channel asks for them.
 
@@ -59,14 +65,19 @@ def table_of_columns(
     columns : name -> one-dimensional sequence.
     units : name -> unit, where the file states it apart from the header.
     rows : number of rows; None: as many as the longest column has.
+    unreadable : further names, and why they hold no sequence of numbers; whoever asks for one of them is refused.
     """
     known = units or {}
     vectors = tuple(_vector(values) for values in columns.values())
     count = rows if rows is not None else max((vector.size for vector in vectors), default=0)
     under = tuple(known.get(name, "") for name in columns) if any(known.values()) else ()
     where = f"{path}, {place}" if place else str(path)
-    header = tuple(one_line(str(name)) for name in columns)
-    return Table(where, header, vectors, np.arange(1, count + 1), units=under, stated_apart=True)
+    others = dict(unreadable or {})
+    header = tuple(header_cell(str(name), where) for name in (*columns, *others))
+    faults = {len(vectors) + at: fault for at, fault in enumerate(others.values())}
+    under = (*under, *("" for _ in others)) if under else ()
+    vectors = (*vectors, *(np.full(count, np.nan) for _ in others))
+    return Table(where, header, vectors, np.arange(1, count + 1), units=under, stated_apart=True, unreadable=faults)
 
 
 def missing_library(error: ImportError, path: Path, format_name: str, extra: str) -> RecordError:

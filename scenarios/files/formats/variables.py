@@ -32,7 +32,8 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
     RecordError : nothing in them is a table; the message names each array with its size.
     """
     found: list[Topic] = []
-    _collect(path, "", {name: _dense(value) for name, value in variables.items()}, found)
+    merged, twice = _with_one_struct(variables)
+    _collect(path, "", merged, found, twice)
     if not found:
         seen = [f"{name} ({_size(value)})" for name, value in variables.items()]
         raise no_table(path, seen, "save named vectors of one length, one struct of vectors, or one matrix with a column a signal")
@@ -41,8 +42,33 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
     return tuple(found)
 
 
-def _collect(path: Path, name: str, variables: Mapping[str, Any], found: list[Topic]) -> None:
-    """Add the table that a level of the file holds, then those of the structs in it."""
+def _with_one_struct(variables: Mapping[str, Any]) -> tuple[Mapping[str, Any], dict[str, str]]:
+    """The variables with those of the only struct among them, and names that are in both, with the reason why they cannot be read."""
+    structs = [name for name, value in variables.items() if isinstance(value, Mapping) and any(word in value for word in CLOCKS)]
+    if len(structs) != 1 or any(word in variables for word in CLOCKS):
+        return variables, {}
+    inside = variables[structs[0]]
+    rest = {name: value for name, value in variables.items() if name != structs[0]}
+    both = {name: f"there twice, in the struct {structs[0]} and outside it" for name in inside if name in rest}
+    return {**rest, **inside}, both
+
+
+def _fault(value: Any) -> str:
+    """What keeps a variable from being one vector, in a few words; empty where nothing does."""
+    shape = "x".join(map(str, np.shape(value))) if not hasattr(value, "toarray") else "x".join(map(str, value.shape))
+    if hasattr(value, "toarray"):
+        return f"a sparse array of {shape}" if min(value.shape) > 1 else ""
+    if isinstance(value, Mapping):
+        return "a struct"
+    if np.ndim(value) and np.size(value) == 0:
+        return "empty"
+    return f"an array of {shape}" if np.ndim(value) > 2 or (np.ndim(value) == 2 and min(np.shape(value)) > 1) else ""
+
+
+def _collect(path: Path, name: str, level: Mapping[str, Any], found: list[Topic], unreadable: Mapping[str, str] | None = None) -> None:
+    """Add the table that a level of the file holds, then those of the structs in it; ``unreadable``: names of it that cannot be read, and why."""
+    faults = {key: fault for key, value in level.items() if (fault := _fault(value))} | dict(unreadable or {})
+    variables = {key: _dense(value) for key, value in level.items() if key not in (unreadable or {})}
     flat: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
     inner: dict[str, Mapping[str, Any]] = {}
@@ -64,9 +90,10 @@ def _collect(path: Path, name: str, variables: Mapping[str, Any], found: list[To
         spread = {
             column: units[key] for key in units for column in columns if column == key or (column.startswith(key) and column[len(key) :].isdigit())
         }
-        found.append(Topic(name, table_of_columns(path, columns, spread, place=name, rows=rows), tuple(notes)))
+        others = {key: fault for key, fault in faults.items() if key not in columns and key not in inner}
+        found.append(Topic(name, table_of_columns(path, columns, spread, place=name, rows=rows, unreadable=others), tuple(notes)))
     for key, value in inner.items():
-        _collect(path, f"{name}.{key}" if name else key, {word: _dense(each) for word, each in value.items()}, found)
+        _collect(path, f"{name}.{key}" if name else key, value, found)
 
 
 def _columns(flat: Mapping[str, np.ndarray], level: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], int, list[str]]:

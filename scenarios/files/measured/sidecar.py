@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+from scenarios.files.declarations import closest
+from scenarios.files.formats.cells import first_line
+from scenarios.files.measured.columns import split_header, suffix_unit
 from sim.errors import RecordError
 from sim.record import Hold
 
 SCHEMA = "flightid/record/1"
+KEYS = ("schema", "name", "hold", "units", "origin")
+_AWAY = "mend it, or move it away where it does not belong to the record"
 SIMULATED = "simulated"  # the value of the key ``origin``
 
 
@@ -25,6 +31,7 @@ class Sidecar:
     says_hold : whether the file says so, or ``hold`` is only the default.
     simulated : whether a program made the data; figures say so.
     units : channel -> unit of a column whose header carries none.
+    file : name of the JSON file; empty where there is none.
     """
 
     name: str | None = None
@@ -32,6 +39,7 @@ class Sidecar:
     units: Mapping[str, str] = field(default_factory=dict)
     says_hold: bool = False
     simulated: bool = False
+    file: str = ""
 
 
 def sidecar_path(record: Path) -> Path:
@@ -41,22 +49,42 @@ def sidecar_path(record: Path) -> Path:
 
 
 def read_sidecar(record: Path) -> Sidecar:
-    """The sidecar of a record file; the default one where there is none, or where that JSON is no record's.
+    """The sidecar of a record file; the default one where there is none, or where that JSON is of another program.
 
     Raises
     ------
-    RecordError : it is a record's and says something that cannot be used.
+    RecordError : it cannot be read or is damaged, or it is a record's and says something that cannot be used.
     """
     path = sidecar_path(record)
     try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError):
+        raw = path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
         return Sidecar()
-    schema = content.get("schema") if isinstance(content, dict) else None
-    if not isinstance(schema, str) or not schema.startswith("flightid/record/"):
+    except OSError as error:
+        raise RecordError(f"cannot be read ({error.strerror or error})", where=str(path), remedy=_AWAY) from None
+    try:
+        content = json.loads(raw.decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        raise RecordError("not UTF-8 text", where=str(path), remedy=_AWAY) from None
+    except (ValueError, RecursionError) as error:
+        raise RecordError(f"not valid JSON ({first_line(error)})", where=str(path), remedy=_AWAY) from None
+    return _sidecar_of(content, path) if isinstance(content, dict) else Sidecar()
+
+
+def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
+    """The content of a record's JSON, checked."""
+    schema = content.get("schema")
+    if not isinstance(schema, str) or not schema.startswith("flightid/"):
+        ours = [key for key in ("hold", "units") if key in content]
+        if ours and not isinstance(schema, str):
+            what = f"it has the key {ours[0]} and no schema"
+            raise RecordError(what, where=f"{path}, key schema", remedy=f'add "schema": "{SCHEMA}", or move the file away')
         return Sidecar()
     if schema != SCHEMA:
         raise RecordError(f"schema {schema!r} is not known here", where=f"{path}, key schema", remedy=f"write the record again as {SCHEMA}")
+    for key in content:
+        if key not in KEYS:
+            raise RecordError("there is no such key", where=f"{path}, key {key!r}", remedy=closest(key, KEYS))
     name, hold, units = content.get("name"), content.get("hold", Hold.PREVIOUS.value), content.get("units", {})
     if name is not None and not isinstance(name, str):
         raise RecordError(f"{name!r} is no name", where=f"{path}, key name", remedy="write a text")
@@ -64,4 +92,15 @@ def read_sidecar(record: Path) -> Sidecar:
         raise RecordError(f"hold {hold!r} is not known", where=f"{path}, key hold", remedy="write previous or linear")
     if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
         raise RecordError("a unit is not a text", where=f"{path}, key units", remedy='write {"alpha": "rad", ...}')
-    return Sidecar(name, Hold(hold), units, "hold" in content, content.get("origin") == SIMULATED)
+    if not isinstance(content.get("origin", ""), str):
+        raise RecordError("the origin is not a text", where=f"{path}, key origin", remedy=f"write {SIMULATED}, or leave it out")
+    return Sidecar(name, Hold(hold), units, "hold" in content, content.get("origin") == SIMULATED, path.name)
+
+
+def refuse_unknown_units(sidecar: Sidecar, header: Sequence[str], record: Path, known: Collection[str]) -> None:
+    """Raise RecordError for a unit of what is neither a channel of ``known`` nor a column under ``header``."""
+    for name in sidecar.units:
+        if name in known or any(split_header(cell)[0] == name or suffix_unit(cell, name) for cell in header):
+            continue
+        where = f"{sidecar_path(record)}, key units"
+        raise RecordError(f"there is no channel {name!r}", where=where, remedy=closest(name, [*known, *(cell for cell in header if cell)]))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
+from ident.statistics.information import variance_along
 from scenarios.files.constraints import side_at
 from scenarios.studies.rows import Row
 from sim.declaration.model import Model
@@ -61,7 +62,7 @@ def tied_rows(model: Model, estimate: Estimate) -> tuple[Row, ...]:
         for source, factor in tie.terms:
             if source in estimate.names:
                 slope[estimate.names.index(source)] += factor
-        std = float(np.sqrt(max(slope @ estimate.covariance @ slope, 0.0)))
+        std = float(np.sqrt(variance_along(estimate.covariance, slope[None])[0]))
         rows.append(Row(tie.name, model.parameters[tie.name].unit, float(tie.of(known.__getitem__)), std))
     return tuple(rows)
 

@@ -42,6 +42,7 @@ def survey_content(survey: Survey, created: str) -> dict[str, Any]:
         "refitted": survey.refitted,
         "verdicts": dict(survey.verdicts),
         "warnings": list(survey.warnings),
+        "notes": list(survey.notes),
         "inputs": {"survey": {"name": survey.flights.path.name, "sha256": survey.flights.sha256}},
         "versions": versions(),
     }

@@ -65,7 +65,7 @@ def survey_page(survey: Survey, drawn: Sequence[Drawn] = (), linked: Collection[
                 _with_links(rows_table("The newest first", *flight_rows(survey)), linked),
                 Bullets(tuple(map(sentence, alone))),
             ),
-            *section("What it rests on", Bullets(tuple(map(sentence, _rests(survey))))),
+            *section("What it rests on", Bullets(tuple(map(sentence, (*_rests(survey), *survey.notes))))),
         ),
         reproduction=reproduction(
             ["flightid", "survey", str(survey.flights.path)], "", [("survey", survey.flights.path.name, survey.flights.sha256)]

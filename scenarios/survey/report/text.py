@@ -39,7 +39,7 @@ def survey_text(survey: Survey, width: int = WIDTH, details: str = BELOW) -> str
     )
     names, rows = flight_rows(survey)
     lines += ["", *table_lines(columns_of(names, rows, left=len(names)), title="flights, the newest first", width=width)]
-    for told in (*survey.warnings, *hints(survey), *single_phrases(survey)):
+    for told in (*survey.warnings, *(f"note: {note}" for note in survey.notes), *hints(survey), *single_phrases(survey)):
         lines += wrapped(told, width)
     return "\n".join(lines) + "\n"
 

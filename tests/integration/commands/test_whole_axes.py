@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim.declaration.model import Noise
+from sim.maneuvers.steps import Maneuver, Sum, doublet, three_two_one_one
 from sim.record import Record
+from sim.truth.flight import fly, sample_times
 from tests.integration.command_line import CommandLine, contents
-from tests.whole_axes import TRUE, flown, write_flown
+from tests.whole_axes import NOISE, RATE, TRUE, flown, true_model, vehicle_text, write_flown
 
 
 @pytest.fixture(scope="module")
@@ -125,3 +128,33 @@ def test_files_and_methods_that_do_not_fit(flightid: CommandLine, tmp_path: Path
 def test_the_kinematics_are_checked_with_a_longitudinal_file(flightid: CommandLine, tmp_path: Path, records: dict[str, Record]) -> None:
     printed = flightid.done("check", write_flown(tmp_path, "longitudinal", records["longitudinal"]))
     assert "relation of alpha: alpha, q, nz" in printed and "relation of theta: theta, q" in printed
+
+
+def test_a_gap_in_time_with_a_poor_start_is_named_and_does_no_harm(flightid: CommandLine, tmp_path: Path) -> None:
+    """All signs of the vehicle file are turned, so that the fit begins again from equation error; rows of a long rest are missing."""
+    moves: dict[str, Maneuver] = {"aileron": Sum((doublet(0.07, 0.8, 1.0), doublet(0.05, 0.8, 41.0))), "rudder": three_two_one_one(0.06, 0.72, 4.0)}
+    true = true_model("lateral").with_noise(Noise(NOISE["lateral"]))
+    record, _ = fly(true, moves, sample_times(RATE, 48.0), np.random.default_rng(3), step=0.01)
+    kept = (record.time < 14.0) | (record.time > 40.0)
+    columns = {"time": record.time[kept]} | {channel.name: channel.values[kept] for channel in record.channels}
+    path = tmp_path / "gap.csv"
+    np.savetxt(path, np.array([*columns.values()]).T, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
+    (tmp_path / "vehicle.toml").write_text(vehicle_text("lateral", -0.9), encoding="utf-8")
+    printed = " ".join(flightid.done("identify", path, "--model", "lateral", "--out", tmp_path / "out", "--no-figures").split())
+    assert "gap.csv: time misses about" in printed and "a simulation goes through with the inputs of the row before" in printed
+    found = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert found["outcome"] == "converged" and "has the other sign" in printed
+    for name in ("Cl_p", "Cn_beta", "Cl_beta", "Cn_r"):
+        assert abs(found["parameters"][name]["estimate"] - TRUE["lateral"][name]) < 0.1 * abs(TRUE["lateral"][name]), name
+
+
+GAP = Path(__file__).parents[4] / "shared" / "cases" / "lateral-time-gap"
+
+
+@pytest.mark.skipif(not GAP.is_dir(), reason="the folder of shared cases is not here")
+def test_the_gap_of_a_measured_kind_is_fitted(flightid: CommandLine, tmp_path: Path) -> None:
+    call = ("identify", GAP / "gap.csv", "--model", "lateral", "--vehicle", GAP / "vehicle.toml", "--out", tmp_path / "out", "--no-figures")
+    printed = " ".join(flightid.done(*call).split())
+    assert "time misses about 750 row(s) (19.96 to 50 s): a simulation goes through with the inputs of the row before" in printed
+    found = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert found["outcome"] == "converged" and abs(found["parameters"]["Cl_p"]["estimate"] + 0.51) < 0.01

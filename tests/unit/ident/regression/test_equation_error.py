@@ -111,12 +111,12 @@ def test_several_records_and_holes() -> None:
 
 def test_a_velocity_is_the_slope_of_its_altitude() -> None:
     system = compile_model(ballistic_model().with_values({"beta": 900.0}))
-    assert rate_relations(system) == {"altitude": "velocity"}
+    assert rate_relations(system, np.arange(3.0)) == {"altitude": "velocity"}
     estimate = run_equation_error([ballistic_record(np.random.default_rng(4))], system)
     assert estimate.outcome is Outcome.CONVERGED
     assert estimate.values[0] == pytest.approx(2441.2, abs=5.0 * estimate.std[0])
     assert estimate.std[0] < 100.0
-    assert rate_relations(compile_model(rigid_model())) == {}
+    assert rate_relations(compile_model(rigid_model()), np.arange(3.0)) == {}
 
 
 def test_a_parameter_without_influence_is_not_identifiable() -> None:

@@ -18,6 +18,7 @@ import flightid as fid
 from scenarios.api.records.record import record_of
 from scenarios.files.writing import write_record
 from sim import record as sim_record
+from sim.errors import FlightidError
 from sim.record import Channel, Hold
 
 TIME = np.arange(6) * 0.1
@@ -85,6 +86,42 @@ def test_of_a_dataset_what_has_the_time_of_the_record() -> None:
     variables = {"alpha": ("time", ALPHA, {"units": "deg"}), "height": ("level", [1.0, 2.0]), "map": (("time", "level"), np.zeros((6, 2)))}
     record = fid.read_record(xarray.Dataset(variables, {"time": TIME, "level": [0, 1]}))
     assert record.names == ("alpha",) and record["alpha"][3] == math.radians(3.0)
+    for name, said in (("height", "it is over level, not over time"), ("map", "it is over time, level, not over time")):
+        with pytest.raises(FlightidError, match=f"column '{name}': {said}; "):
+            record[name]
+
+
+def test_a_channel_of_a_dataset_over_another_dimension_is_not_left_out_silently() -> None:
+    variables = {"elevator": ("time", np.zeros(6)), "q": ("time", ALPHA), "alpha": ("frame", ALPHA)}
+    record = fid.read_record(xarray.Dataset(variables, {"time": TIME, "frame": np.arange(6)}))
+    with pytest.raises(FlightidError, match="column 'alpha': it is over frame, not over time"):
+        fid.identify(record, "rigid", "bomber_rigid")
+
+
+def test_columns_of_two_levels_are_channels_with_units(tmp_path: Path) -> None:
+    levels = pandas.MultiIndex.from_tuples([("time", "s"), ("alpha", "deg"), ("q", "")])
+    frame = pandas.DataFrame(np.column_stack([TIME, ALPHA, ALPHA]), columns=levels)
+    frame.to_parquet(tmp_path / "levels.parquet")
+    for record in (fid.read_record(frame), fid.read_record(tmp_path / "levels.parquet")):
+        assert record.names == ("alpha", "q") and record["alpha"][3] == math.radians(3.0) and record["q"][3] == 3.0
+
+
+def test_a_channel_in_the_index_of_a_dataframe_is_read(tmp_path: Path) -> None:
+    frame = pandas.DataFrame({"time": TIME, "alpha": ALPHA, "q": ALPHA})
+    assert fid.read_record(frame.set_index("q")).names == ("q", "alpha")
+    frame.set_index(["time", "q"]).to_parquet(tmp_path / "index.parquet")
+    for record in (fid.read_record(frame.set_index(["time", "q"])), fid.read_record(tmp_path / "index.parquet")):
+        assert set(record.names) == {"alpha", "q"} and record.time.tolist() == list(TIME)
+
+
+def test_masked_samples_are_missing() -> None:
+    record = fid.read_record({"time": TIME, "q": np.ma.masked_equal(np.array([1.0, 2.0, 9.0, 4.0, 5.0, 6.0]), 9.0)})
+    assert np.isnan(record["q"]).tolist() == [False, False, True, False, False, False]
+
+
+def test_a_name_with_control_characters_is_refused() -> None:
+    with pytest.raises(FlightidError, match=r"record, header: the name 'al\\x07pha' holds control characters"):
+        fid.read_record({"time": TIME, "al\x07pha": ALPHA})
 
 
 def test_arrays_by_name_and_structured_arrays_are_records() -> None:

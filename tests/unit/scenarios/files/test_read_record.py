@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import sparse
 
 from scenarios.files.channels import ColumnChoice, read_channel_map
 from scenarios.files.records import read_record, rows_between
@@ -85,8 +86,8 @@ def test_sidecar_gives_hold_name_and_units(tmp_path: Path) -> None:
     assert read_record(path, ["stick"], ["alpha"], hold=Hold.PREVIOUS).hold is Hold.PREVIOUS
 
 
-@pytest.mark.parametrize("other", ["not json", "[1]", '{"schema": "other/1", "hold": "cubic"}', '{"hold": "linear"}'])
-def test_a_json_that_is_no_records_is_ignored(tmp_path: Path, other: str) -> None:
+@pytest.mark.parametrize("other", ["[1]", "{}", '{"schema": "other/1", "hold": "cubic"}', '{"altitude": 3}'])
+def test_a_json_of_another_program_is_ignored(tmp_path: Path, other: str) -> None:
     path = csv_file(tmp_path, "time,q\n0,1\n1,1\n")
     (tmp_path / "run.json").write_text(other)
     assert read_record(path, (), ["q"]).hold is Hold.PREVIOUS
@@ -104,6 +105,118 @@ def test_a_wrong_sidecar_is_refused(tmp_path: Path, key: str, value: str) -> Non
     with pytest.raises(RecordError) as caught:
         read_record(path, (), ["q"])
     assert f"run.json, key {key}" in str(caught.value) and caught.value.remedy and "\n" not in str(caught.value)
+
+
+DAMAGED = {
+    "truncated": (b'{"schema": "flightid/record/1", "hold": "lin', "run.json: not valid JSON ("),
+    "empty": (b"", "run.json: not valid JSON ("),
+    "no JSON": (b"hold: linear", "run.json: not valid JSON ("),
+    "Latin-1": (b'{"schema": "flightid/record/1", "name": "M\xfcller"}', "run.json: not UTF-8 text"),
+    "nested too deep": (b"[" * 100_000, "run.json: not valid JSON ("),
+    "a number beyond Python": (b'{"schema": "flightid/record/1", "name": ' + b"1" * 5000 + b"}", "run.json: not valid JSON ("),
+    "another schema of ours": (b'{"schema": "flightid/comparison/1"}', "key schema: schema 'flightid/comparison/1' is not known"),
+    "a schema that is a number": (b'{"schema": 1, "hold": "linear"}', "key schema: it has the key hold and no schema"),
+    "no schema": (b'{"units": {"q": "deg/s"}}', "key schema: it has the key units and no schema"),
+    "a hold that is a list": (b'{"schema": "flightid/record/1", "hold": ["linear"]}', "key hold: hold ['linear'] is not known"),
+    "units that are a list": (b'{"schema": "flightid/record/1", "units": ["deg/s"]}', "key units: a unit is not a text"),
+    "an origin that is a number": (b'{"schema": "flightid/record/1", "origin": 1}', "key origin: the origin is not a text"),
+    "a key that is not there": (b'{"schema": "flightid/record/1", "hld": "linear"}', "key 'hld': there is no such key; did you mean 'hold'?"),
+    "an unknown channel": (b'{"schema": "flightid/record/1", "units": {"qq": "deg/s"}}', "key units: there is no channel 'qq'"),
+    "an unknown unit": (b'{"schema": "flightid/record/1", "units": {"q": "foo"}}', "column 'q': unknown unit 'foo'"),
+}
+
+
+@pytest.mark.parametrize(("content", "said"), DAMAGED.values(), ids=DAMAGED)
+def test_a_damaged_sidecar_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
+    path = csv_file(tmp_path, "time,q\n0,1\n1,1\n")
+    (tmp_path / "run.json").write_bytes(content)
+    with pytest.raises(RecordError) as caught:
+        read_record(path, (), ["q"])
+    assert said in str(caught.value) and caught.value.remedy and "\n" not in str(caught.value)
+
+
+def test_a_sidecar_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    path = csv_file(tmp_path, "time,q\n0,1\n1,1\n")
+    (tmp_path / "run.json").mkdir()
+    with pytest.raises(RecordError, match=r"run.json: cannot be read \(Is a directory\); "):
+        read_record(path, (), ["q"])
+
+
+def test_units_of_a_sidecar_may_be_those_of_other_columns(tmp_path: Path) -> None:
+    path = csv_file(tmp_path, "time,q,fuel,AoA\n0,1,2,3\n1,1,2,3\n")
+    units = {"q": "deg/s", "fuel": "kg", "altitude": "ft", "alpha": "deg"}
+    (tmp_path / "run.json").write_text(json.dumps({"schema": "flightid/record/1", "units": units}))
+    record = read_record(path, (), ["alpha", "q"], {"alpha": ColumnChoice("AoA")})
+    assert record["alpha"].values[0] == pytest.approx(math.radians(3.0)) and record["q"].values[0] == pytest.approx(math.radians(1.0))
+
+
+HEADERS = ["al\x07pha", "\x1b[31malpha", "alpha\x00", "al\u200bpha", "alpha [deg\x7f]", "al\x1fpha", "alpha\u202e"]
+
+
+@pytest.mark.parametrize("name", HEADERS, ids=ascii)
+def test_a_header_with_control_characters_is_refused_and_named_escaped(tmp_path: Path, name: str) -> None:
+    path = csv_file(tmp_path, f"time,q,{name}\n0,1,2\n1,1,2\n")
+    with pytest.raises(RecordError) as caught:
+        read_record(path, (), ["alpha", "q"])
+    said = str(caught.value)
+    assert "run.csv, header: the name" in said and repr(name) in said and "control characters; rename that column" in said
+    assert said.isprintable()
+
+
+def test_a_header_that_a_spreadsheet_broke_into_lines_is_read(tmp_path: Path) -> None:
+    path = csv_file(tmp_path, 'time,q,"alpha\r\n[deg]"\n0,1,2\n1,1,2\n')
+    assert read_record(path, (), ["alpha", "q"])["alpha"].values[0] == pytest.approx(math.radians(2.0))
+
+
+def mat_file(folder: Path, **variables: object) -> Path:
+    from scipy.io import savemat
+
+    path = folder / "run.mat"
+    savemat(path, {"time": np.arange(4.0), "elevator": np.zeros(4), "q": np.ones(4), **variables})
+    return path
+
+
+UNREADABLE = {
+    "two columns": (np.ones((4, 2)), "it is an array of 4x2"),
+    "three axes": (np.ones((4, 2, 3)), "it is an array of 4x2x3"),
+    "sparse": (sparse.csc_matrix(np.eye(4)), "it is a sparse array of 4x4"),
+    "empty": (np.zeros((0, 0)), "it is empty"),
+}
+
+
+@pytest.mark.parametrize(("value", "said"), UNREADABLE.values(), ids=UNREADABLE)
+def test_a_mat_variable_that_is_no_vector_is_refused_where_it_is_a_channel(tmp_path: Path, value: object, said: str) -> None:
+    path = mat_file(tmp_path, alpha=value)
+    with pytest.raises(RecordError, match=f"run.mat, column 'alpha': {said}; store one vector for each channel"):
+        read_record(path, ("elevator",), ["alpha", "q"])
+    with pytest.raises(RecordError, match=said):
+        read_record(path, (), ["q"], optional=["alpha"])
+    assert read_record(path, ("elevator",), ["q"]).output_names == ("q",)
+    assert read_record(mat_file(tmp_path, notes=value), ("elevator",), ["alpha", "q"]).output_names == ("q",)
+
+
+def test_a_sparse_mat_column_is_a_vector(tmp_path: Path) -> None:
+    path = mat_file(tmp_path, alpha=sparse.csc_matrix(np.array([[0.0], [2.0], [0.0], [1.0]])))
+    assert read_record(path, ("elevator",), ["alpha"])["alpha"].values.tolist() == [0.0, 2.0, 0.0, 1.0]
+
+
+def test_a_matrix_alone_is_named_with_its_size(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(tmp_path / "run.mat", {"data": np.ones((801, 4))})
+    with pytest.raises(RecordError, match=r"the columns are data1, data2, data3, data4"):
+        read_record(tmp_path / "run.mat", (), ["q"])
+
+
+def test_vectors_beside_a_struct_are_read_and_none_twice(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    inside = {"time": np.arange(3.0), "q": np.ones(3)}
+    savemat(tmp_path / "run.mat", {"log": inside, "alpha": np.full(3, 0.5)})
+    assert read_record(tmp_path / "run.mat", (), ["alpha", "q"]).output_names == ("alpha", "q")
+    savemat(tmp_path / "run.mat", {"log": inside, "q": np.zeros(3)})
+    with pytest.raises(RecordError, match="column 'q': it is there twice, in the struct log and outside it"):
+        read_record(tmp_path / "run.mat", (), ["q"])
 
 
 def test_gzip_and_byte_order_mark(tmp_path: Path) -> None:
