@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_record
+from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_by_filterpy
 from ident.filters.problem import filter_problem
 from ident.filters.smoother import SmoothedHistory, smooth
 from sim.declaration.system import System
@@ -22,7 +22,7 @@ from sim.record import Record
 
 
 def run_iterated_ekf(
-    record: Record, system: System, settings: FilterSettings | None = None, iterations: int = 15, *, by: OnePass = filter_record
+    record: Record, system: System, settings: FilterSettings | None = None, iterations: int = 15, *, by: OnePass = filter_by_filterpy
 ) -> Estimate:
     """Estimate states and free parameters by a filter that is linearised anew about its own smoothed result.
 

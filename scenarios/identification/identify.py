@@ -24,7 +24,7 @@ from scenarios.identification.cautions import cautions_of
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.frequency import chosen_band, delays_of
 from scenarios.identification.gravity import PATH, weighed, without_theta
-from scenarios.identification.methods import FILTERS, estimated_by, forced, refuse_method, uses_attitude
+from scenarios.identification.methods import FILTERS, engine_of, estimated_by, forced, refuse_method, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
 from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
@@ -99,6 +99,7 @@ def identify(
         band=options.band,
         fits=_fits(records, held_out, compiled, estimate, settings),
         trained=trained_by(compiled, estimate.as_dict(), settings),
+        engine=engine_of(method, options),
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.banks.engines import ENGINES
+from ident.banks.engines import ENGINES, FILTERPY
 from ident.estimate import Estimate, Outcome
 from ident.filters.iterated_ekf import run_iterated_ekf
 from ident.whole_record.output_error import FitSettings, fit_output_error
@@ -19,6 +19,7 @@ from scenarios.identification.frequency import delays_of, estimated, refuse_band
 from scenarios.identification.gravity import PATH
 from scenarios.identification.result import Options
 from scenarios.preparation.trim import of_totals
+from scenarios.studies.engines import UNSCENTED
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import ParameterSet
@@ -61,17 +62,26 @@ def refuse_method(records: Sequence[Record], vehicle: VehicleFile, method: str, 
         what = "the bank of delays estimates every derivative from its start, and the vehicle file fixes or ties some"
         raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or frequency-domain")
     if options.engine is not None:
-        _refuse_engine(options.engine, vehicle, method)
+        _refuse_engine(options.engine, method)
     if vehicle.model == "loes" and method == "ukf":
         raise DeclarationError("a pure delay has no unscented filter here", where="--method", remedy="use ekf: a bank of filters, refined")
 
 
-def _refuse_engine(engine: str, vehicle: VehicleFile, method: str) -> None:
+def _refuse_engine(engine: str, method: str) -> None:
     if engine not in ENGINES:
         raise DeclarationError(f"there is no engine {engine!r}", where="--engine", remedy=f"use one of {', '.join(ENGINES)}")
-    if vehicle.model != "loes" or method != "ekf":
-        remedy = "leave it out; every other filter is run by filterpy alone, and no other method is a filter's"
-        raise DeclarationError("only the bank of delays has two engines (--model loes --method ekf)", where="--engine", remedy=remedy)
+    if method != "ekf":
+        what = f"only the extended Kalman filter has two engines, and the method is {method}"
+        raise DeclarationError(what, where="--engine", remedy="leave it out, or use --method ekf")
+
+
+def engine_of(method: str, options: Options) -> dict[str, str]:
+    """Content of the key ``engine`` in the study file of a single filter; empty where the method is no filter."""
+    if method == "ukf":
+        sentence = f"first pass {UNSCENTED}; further passes by the own sigma-point kernel"
+        return {"name": "filterpy", "sentence": sentence}
+    engine = ENGINES[options.engine or FILTERPY.name]
+    return {"name": engine.name, "sentence": engine.label} if method == "ekf" else {}
 
 
 def _refuse_beyond_measure(record: Record) -> None:
@@ -105,7 +115,7 @@ def estimated_by(
     record, ready = records[0], _for_filter(model, records[0], outputs, fit)
     system = compile_model(ready, outputs, online=True)
     if method == "ekf":
-        return system, run_iterated_ekf(record, system)
+        return system, run_iterated_ekf(record, system, by=ENGINES[options.engine or FILTERPY.name].one_pass)
     from ident.filters.iterated_ukf import run_iterated_ukf
 
     return system, run_iterated_ukf(record, system, first=compile_model(_for_points(ready), outputs, online=True))
