@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
+from ident.filters.filterpy_import import extended_kalman_filter
 from ident.filters.history import HistoryKeeper, breakdown, empty_history, finished
 from ident.filters.one_record import Equations, filter_one
 from ident.filters.problem import FilterProblem, filter_problem, with_free
@@ -118,10 +119,8 @@ def filter_by_filterpy(
     -------
     Estimate with its history; its outcome says how the filter broke down, if it did.
     """
-    from filterpy.kalman import ExtendedKalmanFilter
-
     n, m = len(problem.names), len(problem.variance)
-    ekf = ExtendedKalmanFilter(dim_x=n, dim_z=m)
+    ekf = extended_kalman_filter()(dim_x=n, dim_z=m)
     ekf.x = (problem.start if start is None else start).reshape(n, 1).copy()
     ekf.P, ekf.R = problem.covariance.copy(), np.diag(problem.variance)
     equations, samples, keeper = _linearised(problem, settings), problem.grid.sample.tolist(), HistoryKeeper(problem)
