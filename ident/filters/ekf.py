@@ -119,11 +119,22 @@ def filter_by_filterpy(
     -------
     Estimate with its history; its outcome says how the filter broke down, if it did.
     """
+    return _filtered(problem, _linearised(problem, settings), start, about)
+
+
+def filter_by_complex_step(
+    problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None
+) -> Estimate:
+    """``filter_by_filterpy`` with matrices from complex steps, also where the equations have a table: the reference for tables."""
+    return _filtered(problem, _by_complex_step(problem, settings), start, about)
+
+
+def _filtered(problem: FilterProblem, equations: _Linearised, start: np.ndarray | None, about: np.ndarray | None) -> Estimate:
     n, m = len(problem.names), len(problem.variance)
     ekf = extended_kalman_filter()(dim_x=n, dim_z=m)
     ekf.x = (problem.start if start is None else start).reshape(n, 1).copy()
     ekf.P, ekf.R = problem.covariance.copy(), np.diag(problem.variance)
-    equations, samples, keeper = _linearised(problem, settings), problem.grid.sample.tolist(), HistoryKeeper(problem)
+    samples, keeper = problem.grid.sample.tolist(), HistoryKeeper(problem)
     with quiet_numerics():
         for k in range(len(problem.time)):
             Phi = np.eye(n)
