@@ -16,6 +16,7 @@ from ident.estimate import Estimate, FilterHistory, Outcome
 from ident.filters.smoother import smooth
 from ident.statistics.coloured_covariance import corrected_covariance
 
+_SIGNIFICANT = 4.0  # of the standard deviations 1/sqrt(N) that an autocorrelation of white noise has
 _ROUNDING = 1e-9  # of a covariance, below which a difference of two is no process noise
 
 
@@ -25,14 +26,18 @@ class ColouredInnovations:
 
     Attributes
     ----------
+    names : the ``s`` parameters that the filter estimates.
     covariance : ``(s, s)`` of the parameters, corrected.
     factor : ``(s,)`` corrected standard deviations over those of white noise; at least one.
-    lag_one : autocorrelation of the whitened residuals one sample apart, by output.
+    lag_one : autocorrelation of the whitened residuals one sample apart, by output that was measured.
+    significant : whether the autocorrelation of some output is more than white noise shows.
     """
 
+    names: tuple[str, ...]
     covariance: np.ndarray
     factor: np.ndarray
     lag_one: dict[str, float]
+    significant: bool
 
 
 def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
@@ -50,9 +55,13 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     if history is None or estimate.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
         return None
     free = np.flatnonzero(np.diagonal(history.predicted_covariance[0]) > 0.0)
-    at = [int(np.flatnonzero(free == history.names.index(name))[0]) for name in estimate.names]
+    names = tuple(name for name in estimate.names if name in history.names)
+    at = [int(np.flatnonzero(free == history.names.index(name))[0]) for name in names]
     with np.errstate(all="ignore"):
-        residual, slopes = _whitened(history, np.square(estimate.noise_std))
+        try:
+            residual, slopes = _whitened(history, np.square(estimate.noise_std))
+        except np.linalg.LinAlgError:
+            return None
         slopes = slopes[:, :, free]
         prior = np.sqrt(np.diagonal(history.predicted_covariance[0])[free])
         scaled = slopes * prior
@@ -70,14 +79,16 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     white = np.diagonal(inverse)[at] * scale**2
     if not (np.all(np.isfinite(covariance)) and np.all(white > 0.0)):
         return None
-    lag_one = {name: _lag_one(row, known) for name, row, known in zip(estimate.output_names, residual, history.valid, strict=True)}
-    return ColouredInnovations(covariance, np.sqrt(np.maximum(np.diagonal(covariance) / white, 1.0)), lag_one)
+    rows = [each for each in zip(estimate.output_names, residual, history.valid, strict=True) if each[2].any()]
+    lag_one = {name: _lag_one(row, known) for name, row, known in rows}
+    significant = any(abs(lag_one[name]) > _SIGNIFICANT / np.sqrt(np.count_nonzero(known)) for name, _, known in rows)
+    return ColouredInnovations(names, covariance, np.sqrt(np.maximum(np.diagonal(covariance) / white, 1.0)), lag_one, significant)
 
 
 def with_coloured_covariance(estimate: Estimate) -> Estimate:
     """The estimate with its covariance corrected for coloured innovations; unchanged where there is no correction."""
     found = coloured_innovations(estimate)
-    return estimate if found is None else replace(estimate, covariance=found.covariance)
+    return estimate if found is None or found.names != estimate.names else replace(estimate, covariance=found.covariance)
 
 
 def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

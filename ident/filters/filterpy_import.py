@@ -41,7 +41,7 @@ def _import_filterpy() -> None:
                 del sys.modules[name]
     for name in _LEFT_OUT:
         vars(filterpy).pop(name.rpartition(".")[2], None)
-    filterpy.__getattr__ = _left_out  # type: ignore[attr-defined]
+    vars(filterpy)["__getattr__"] = _left_out
 
 
 def _left_out(name: str) -> ModuleType:
