@@ -50,9 +50,11 @@ def test_without_process_noise_it_is_close_to_the_correction_of_output_error() -
     noisy = coloured(record, exact, std, 5)
     model = rigid_start()
     wide = {name: 100.0 * model.parameters[name].prior_std for name in model.parameters.free_names}
-    model = replace(model, parameters=model.parameters.with_prior(wide), noise=replace(model.noise, measurement_std=std))
-    found = with_coloured_covariance(run_iterated_ekf(noisy, compile_model(model, online=True)))
+    model = replace(model, parameters=model.parameters.with_prior(wide))
     fit, white = (fit_output_error([noisy], compile_model(model, tuple(std)), FitSettings(coloured=each)) for each in (True, False))
+    levels = dict(zip(white.output_names, white.noise_std.tolist(), strict=True))
+    ready = replace(model, noise=replace(model.noise, measurement_std=levels))
+    found = with_coloured_covariance(run_iterated_ekf(noisy, compile_model(ready, online=True)))
     assert found.outcome is Outcome.CONVERGED and fit.outcome is Outcome.CONVERGED
     again = coloured_innovations(found)
     assert again is not None and again.significant and again.factor.max() > 2.0
