@@ -1,4 +1,4 @@
-"""One filter with its whole history, by its table or the bank's engine: equal to filterpy's to rounding and many times faster."""
+"""The own kernel for one filter with its whole history: by its table or as a bank of one, equal to filterpy's to rounding."""
 
 from __future__ import annotations
 
