@@ -53,9 +53,8 @@ def identify(
     ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own. Records ``held_out`` are predicted.
 
     Each output but an altitude (of an own model those that it names) gets a bias, each record its own initial state. A filter takes its measurement
-    noise from the residual of an output-error fit, its initial state from the first samples, and is
-    iterated from its own result, because a file's starting values may be far off. ``filter-error`` puts an aircraft into
-    Dryden turbulence of unknown intensity and length, and forces a falling body by white noise of unknown size.
+    noise and its start from an output-error fit, its initial state from the first samples, and is iterated from its own result.
+    ``filter-error`` puts an aircraft into Dryden turbulence, and forces a falling body by white noise, both of unknown size.
 
     Raises
     ------
