@@ -59,8 +59,9 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     if history is None or estimate.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
         return None
     free = np.flatnonzero(np.diagonal(history.predicted_covariance[0]) > 0.0)
-    names = tuple(name for name in estimate.names if name in history.names)
-    at = [int(np.flatnonzero(free == history.names.index(name))[0]) for name in names]
+    known = [history.names[i] for i in free]
+    names = tuple(name for name in estimate.names if name in known)
+    at = [known.index(name) for name in names]
     with np.errstate(all="ignore"):
         try:
             residual, slopes = _whitened(history, np.square(estimate.noise_std))
