@@ -137,7 +137,11 @@ def _filtered(
             break
         system = widened(system, held_back)
         estimate = _run_filter(record, system, first, method, options)
-    return system, with_coloured_covariance(estimate)
+    estimate = with_coloured_covariance(estimate)
+    if not _values_of(fit) and not estimate.message:
+        said = f"the output-error fit that gives the filter its start did not settle ({fit.outcome.value}): it started from the vehicle file"
+        estimate = replace(estimate, message=said)
+    return system, estimate
 
 
 def _run_filter(record: Record, system: System, first: System, method: str, options: Options) -> Estimate:
