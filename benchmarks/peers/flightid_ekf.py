@@ -1,4 +1,4 @@
-"""flightid's filter of one record: states and parameters with their histories, innovations and likelihoods."""
+"""flightid's own kernel for one record (``--engine batched``): states and parameters with their histories, innovations and likelihoods."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from benchmarks.peers.flightid_model import declared, record_of
 from benchmarks.peers.names import OUTPUTS
 from benchmarks.peers.short_period import Problem
+from ident.banks.single_filter import filter_batched
 from ident.filters.ekf import run_ekf
 from sim.declaration.compile import compile_model
 
@@ -17,7 +18,7 @@ def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:
     record, system = record_of(problem), compile_model(declared(problem), OUTPUTS, online=True)
 
     def work() -> dict[str, np.ndarray]:
-        found = run_ekf(record, system)
+        found = run_ekf(record, system, by=filter_batched)
         history = found.history
         assert history is not None
         return {

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.names import DERIVATIVES, OUTPUTS
+from ident.banks.single_filter import filter_batched
 from ident.filters.ekf import run_ekf
 from ident.whole_record.output_error import FitSettings, fit_output_error
 from scenarios.studies.catalogue import load_scenario
@@ -55,7 +56,7 @@ def with_modes(count: int) -> Model:
 def filtered(record: Record, model: Model) -> Callable[[], Any]:
     """One filter over a record."""
     system = compile_model(model, OUTPUTS, online=True)
-    return lambda: run_ekf(record, system)
+    return lambda: run_ekf(record, system, by=filter_batched)
 
 
 def fitted(record: Record, model: Model) -> Callable[[], Any]:

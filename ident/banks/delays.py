@@ -108,7 +108,7 @@ def run_delay_bank(
         held_back = contradicted(system, found.parameters)
         if not held_back:
             break
-        system = _widened(system, held_back)
+        system = widened(system, held_back)
         half = 0.5 * (between[1] - between[0])
         between = (max(found.delay - half, float(grid[0])), min(found.delay + half, float(grid[-1])))
         found = _closing_in(engine, record, system, settings, name, grid, found.delay, between, found.about)
@@ -132,7 +132,7 @@ def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str
     return tuple((name, float(sigmas)) for name, sigmas in far if abs(sigmas) > FAR)
 
 
-def _widened(system: System, held_back: Sequence[tuple[str, float]]) -> System:
+def widened(system: System, held_back: Sequence[tuple[str, float]]) -> System:
     """The System with the prior of each of these as wide as its estimate is far."""
     return replace(
         system, parameters=system.parameters.with_prior({name: abs(sigmas) * system.parameters[name].prior_std for name, sigmas in held_back})

@@ -1,6 +1,8 @@
-"""Who runs the filters of a bank of delays: the batched pass, or filterpy's ExtendedKalmanFilter one filter after the other.
+"""The two engines of the extended Kalman filter: filterpy's ExtendedKalmanFilter, and the batched kernel of our own.
 
-Both are the same equations and agree to rounding (docs/decisions/0022-who-runs-the-bank.md says what each costs).
+Both solve the same equations and agree to rounding (docs/decisions/0022-who-runs-the-bank.md says what each costs). A single record is
+filtered by filterpy unless the user asks otherwise; a bank of delays is filtered by the batched kernel, and ``against_filterpy`` compares its
+likeliest filter with filterpy's.
 """
 
 from __future__ import annotations
@@ -12,9 +14,9 @@ import numpy as np
 
 from ident.banks.bank import BankEstimate, run_bank
 from ident.banks.iterated import ITERATIONS, run_iterated_bank
-from ident.banks.single_filter import filter_alone
+from ident.banks.single_filter import filter_alone, filter_batched
 from ident.estimate import Estimate, Outcome
-from ident.filters.ekf import SETTLED, FilterSettings, filter_by_filterpy, run_ekf
+from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_by_filterpy, run_ekf
 from ident.filters.problem import filter_problem
 from ident.filters.smoother import smooth
 from sim.declaration.system import System
@@ -23,18 +25,24 @@ from sim.record import Record
 
 @dataclass(frozen=True)
 class BankEngine:
-    """The three things that a bank of delays asks for.
+    """What an extended Kalman filter, alone or in a bank of delays, asks of its engine.
 
     Attributes
     ----------
+    name : key in ``ENGINES``; the same in scenario files, on the command line and in study files.
+    label : for people.
     run : a filter for each value of a held parameter, as ``run_bank``.
     iterated : the same, each linearised anew about its own smoothed result, as ``run_iterated_bank``.
     alone : one filter with its whole history, as ``filter_alone``.
+    one_pass : one pass over a prepared problem, as ``filter_by_filterpy``.
     """
 
+    name: str
+    label: str
     run: Callable[..., BankEstimate]
     iterated: Callable[..., tuple[BankEstimate, np.ndarray]]
     alone: Callable[[Record, System, FilterSettings | None, np.ndarray | None], Estimate]
+    one_pass: OnePass
 
 
 def run_one_by_one(record: Record, system: System, settings: FilterSettings | None = None, *, held: Mapping[str, np.ndarray]) -> BankEstimate:
@@ -85,9 +93,60 @@ def alone_by_filterpy(record: Record, system: System, settings: FilterSettings |
     return filter_by_filterpy(filter_problem(record, system, settings.max_step), settings, about=about)
 
 
-BATCHED = BankEngine(run_bank, run_iterated_bank, filter_alone)
-FILTERPY = BankEngine(run_one_by_one, run_iterated_one_by_one, alone_by_filterpy)
-ENGINES: Mapping[str, BankEngine] = {"batched": BATCHED, "filterpy": FILTERPY}
+BATCHED = BankEngine("batched", "batched kernel", run_bank, run_iterated_bank, filter_alone, filter_batched)
+FILTERPY = BankEngine("filterpy", "filterpy ExtendedKalmanFilter", run_one_by_one, run_iterated_one_by_one, alone_by_filterpy, filter_by_filterpy)
+ENGINES: Mapping[str, BankEngine] = {each.name: each for each in (FILTERPY, BATCHED)}
+
+
+@dataclass(frozen=True)
+class SecondPass:
+    """The likeliest filter of a batched bank, run again by filterpy in one pass.
+
+    Attributes
+    ----------
+    held : value that the filter was held at, e.g. its delay in s.
+    mean, std : largest differences of states and parameters, and of their standard deviations, after the last sample; in sigmas.
+    log_likelihood : relative difference.
+    """
+
+    held: float
+    mean: float
+    std: float
+    log_likelihood: float
+
+    @property
+    def sigmas(self) -> float:
+        """The larger of the differences of means and of standard deviations, in sigmas."""
+        return max(self.mean, self.std)
+
+
+def against_filterpy(
+    record: Record, system: System, bank: BankEstimate, values: np.ndarray, name: str = "delay", settings: FilterSettings | None = None
+) -> SecondPass | None:
+    """Compare the likeliest filter of a plain batched bank with filterpy's.
+
+    Parameters
+    ----------
+    record, system, settings : as the bank was run with.
+    bank, values : the bank, and the values ``(B,)`` at which its filters hold the parameter ``name``.
+
+    Returns
+    -------
+    The differences; None where no filter of the bank is sound.
+    """
+    best = int(np.argmax(bank.log_likelihood))
+    if not bank.sound[best]:
+        return None
+    own = replace(
+        bank,
+        mean=bank.mean[:, best : best + 1],
+        covariance=bank.covariance[best : best + 1],
+        log_likelihood=bank.log_likelihood[best : best + 1],
+        sound=bank.sound[best : best + 1],
+    )
+    settings = replace(settings or FilterSettings(), passes=1)
+    found = agreement(own, run_one_by_one(record, system, settings, held={name: np.atleast_1d(values[best])}))
+    return SecondPass(float(values[best]), found.mean, found.std, found.log_likelihood) if found.sound else None
 
 
 @dataclass(frozen=True)

@@ -1,40 +1,47 @@
-"""One filter with its whole history, by its table or the bank's engine: equal to filterpy's to rounding and many times faster."""
+"""The own kernel for one filter with its whole history: by its table or as a bank of one, equal to filterpy's to rounding."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ident.banks.any_equations import values_and_jacobians
-from ident.banks.bank import bank_runs
 from ident.banks.one_pass import run_pass, worth
-from ident.banks.runs import BankTrace, empty_trace
+from ident.banks.runs import BankRuns, BankTrace, empty_trace
 from ident.estimate import Estimate, FilterHistory, Outcome
 from ident.filters.ekf import FilterSettings, filter_by_filterpy, filter_by_table
-from ident.filters.problem import FilterProblem, with_free
+from ident.filters.problem import FilterProblem, filter_problem, with_free
 from sim.declaration.system import System
 from sim.maths.elementary import COMPLEX_STEP
 from sim.record import Record
 
 
 def filter_alone(record: Record, system: System, settings: FilterSettings | None = None, about: np.ndarray | None = None) -> Estimate:
-    """One pass of one filter with everything a smoother or a report asks for.
+    """One pass of one filter by the own kernel, with everything a smoother or a report asks for.
 
-    ``about (n, N)`` is a trajectory at the samples to linearise about, instead of the filter's own estimate. A filter that breaks
-    down is left to ``filter_by_filterpy``, which says how.
+    ``about (n, N)`` is a trajectory at the samples to linearise about, instead of the filter's own estimate.
 
     Raises
     ------
     ModelError : as for ``run_bank``.
     """
     settings = settings or FilterSettings()
-    problem, runs = bank_runs(record, system, settings)
-    by_table = filter_by_table(problem, settings, about=about)
+    return filter_batched(filter_problem(record, system, settings.max_step), settings, about=about)
+
+
+def filter_batched(problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None) -> Estimate:
+    """``filter_by_filterpy`` by the own kernel: by the table of the equations, else by a bank of one run. Arguments as there.
+
+    A filter that breaks down is left to ``filter_by_filterpy``, which says how.
+    """
+    by_table = filter_by_table(problem, settings, start, about)
     if by_table is not None:
         return by_table
-    trace = empty_trace(problem, 1)
+    first = problem.start if start is None else start
+    runs = BankRuns(list(problem.p), problem.drive, problem.z[:, :, None], np.asarray(first, dtype=float).reshape(-1, 1).copy())
+    system, trace = problem.system, empty_trace(problem, 1)
     result = run_pass(problem, settings, runs, False, None if about is None else about[:, :, None], trace)
     if not result.sound[0]:
-        return filter_by_filterpy(problem, settings, about=about)
+        return filter_by_filterpy(problem, settings, start, about)
     history, fitted = _history(problem, trace, about)
     n_x = len(system.states)
     names = problem.names[n_x:]

@@ -3,8 +3,8 @@
 Continuous dynamics, discrete measurements (eqs. 1-16 of the simulated-flight-data paper, eqs. 12-22 of
 NASA TM-101722): free parameters are states with zero rate; the mean is integrated, the covariance moves
 with a fundamental matrix whose F is held over a step, the update is Joseph's. Missing samples are left
-out channel by channel; sampling may be uneven. Equations that have a table (`ident.filters.table_equations`) are
-filtered by it, with the same numbers to rounding.
+out channel by channel; sampling may be uneven. Prediction and update are filterpy's; the matrices come from the table of the
+equations (`ident.filters.table_equations`) where they have one, else from complex steps.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
+from ident.filters.filterpy_import import extended_kalman_filter
 from ident.filters.history import HistoryKeeper, breakdown, empty_history, finished
-from ident.filters.one_record import filter_one
+from ident.filters.one_record import Equations, filter_one
 from ident.filters.problem import FilterProblem, filter_problem, with_free
 from ident.filters.table_equations import table_equations
 from ident.filters.transition import Taylor, Transition, log_gaussian
@@ -60,7 +61,7 @@ def run_ekf(record: Record, system: System, settings: FilterSettings | None = No
     record : measured data; outputs that the System does not know are ignored.
     system : compiled with ``online=True``; initial state, priors and noise from its declaration.
     settings : integration; RK4 mean and three Taylor terms when None.
-    by : what runs a pass, ``filter_record`` when None; ``filter_by_filterpy`` is the same filter by filterpy alone, whatever the equations.
+    by : what runs a pass; ``filter_by_filterpy`` when None. ``ident.banks.single_filter.filter_batched`` is the own kernel, equal to rounding.
 
     Returns
     -------
@@ -71,7 +72,7 @@ def run_ekf(record: Record, system: System, settings: FilterSettings | None = No
     ------
     ModelError : no common output, an undeclared noise level or prior.
     """
-    settings, one_pass = settings or FilterSettings(), by or filter_record
+    settings, one_pass = settings or FilterSettings(), by or filter_by_filterpy
     problem = filter_problem(record, system, settings.max_step)
     estimate = one_pass(problem, settings)
     n_x = len(system.states)
@@ -87,19 +88,13 @@ def run_ekf(record: Record, system: System, settings: FilterSettings | None = No
     return estimate
 
 
-def filter_record(problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None) -> Estimate:
-    """One pass of the filter over a prepared problem, from ``start (n,)`` when given.
-
-    ``about (n, N)`` is a trajectory at the samples to linearise about, instead of the filter's own estimate. By the table of the
-    equations where they have one; a filter that breaks down is left to filterpy's, which says how.
-    """
-    return filter_by_table(problem, settings, start, about) or filter_by_filterpy(problem, settings, start, about)
-
-
 def filter_by_table(
     problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None
 ) -> Estimate | None:
-    """``filter_record`` by the table of its equations, equal to filterpy's to rounding; None where they have none, or the filter broke down."""
+    """One pass by the table of the equations, without filterpy; None where they have no table, or the filter broke down.
+
+    Arguments as for ``filter_by_filterpy``, which it equals to rounding.
+    """
     equations = table_equations(problem, settings.step, settings.transition)
     if equations is None:
         return None
@@ -112,30 +107,45 @@ def filter_by_table(
 def filter_by_filterpy(
     problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None
 ) -> Estimate:
-    """``filter_record`` by filterpy's filter, whatever the equations."""
-    from filterpy.kalman import ExtendedKalmanFilter
+    """One pass over a prepared problem by filterpy's ``ExtendedKalmanFilter``: every ``predict`` and every ``update`` is filterpy's.
 
-    grid, n = problem.grid, len(problem.names)
-    ekf = ExtendedKalmanFilter(dim_x=n, dim_z=len(problem.variance))
+    Parameters
+    ----------
+    problem, settings : record and System brought together, and how to integrate.
+    start : ``(n,)`` mean before the first sample; the declared one when None.
+    about : ``(n, N)`` trajectory at the samples to linearise about, instead of the filter's own estimate.
+
+    Returns
+    -------
+    Estimate with its history; its outcome says how the filter broke down, if it did.
+    """
+    return _filtered(problem, _linearised(problem, settings), start, about)
+
+
+def filter_by_complex_step(
+    problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None
+) -> Estimate:
+    """``filter_by_filterpy`` with matrices from complex steps, also where the equations have a table: the reference for tables."""
+    return _filtered(problem, _by_complex_step(problem, settings), start, about)
+
+
+def _filtered(problem: FilterProblem, equations: _Linearised, start: np.ndarray | None, about: np.ndarray | None) -> Estimate:
+    n, m = len(problem.names), len(problem.variance)
+    ekf = extended_kalman_filter()(dim_x=n, dim_z=m)
     ekf.x = (problem.start if start is None else start).reshape(n, 1).copy()
-    ekf.P = problem.covariance.copy()
-    stages = [[row.tolist() for row in stage] for stage in problem.drive.stages]
-    feed = [row[grid.sample].tolist() for row in problem.drive.begin]
-    times, steps, samples = grid.edges.tolist(), grid.steps.tolist(), grid.sample.tolist()
-    keeper = HistoryKeeper(problem)
-
+    ekf.P, ekf.R = problem.covariance.copy(), np.diag(problem.variance)
+    samples, keeper = problem.grid.sample.tolist(), HistoryKeeper(problem)
     with quiet_numerics():
         for k in range(len(problem.time)):
             Phi = np.eye(n)
-            point = None if about is None or not k else about[:, k - 1].copy()
             try:
                 if k:
+                    point = None if about is None else about[:, k - 1].copy()
                     for s in range(samples[k - 1], samples[k]):
-                        u = ([row[s] for row in stages[0]], [row[s] for row in stages[1]], [row[s] for row in stages[2]])
-                        Phi = _predict(ekf, problem, settings, times[s], u, steps[s], point) @ Phi
+                        _predict(ekf, equations, s, point)
+                        Phi = ekf.F @ Phi
                 keeper.predicted(k, ekf.x[:, 0], ekf.P, Phi)
-                here = None if about is None else about[:, k]
-                trouble = _update(ekf, problem, times[samples[k]], [row[k] for row in feed], k, keeper, here)
+                trouble = _update(ekf, problem, equations, k, keeper, None if about is None else about[:, k])
             except (ArithmeticError, ValueError):  # what math and linear algebra raise where arrays would turn infinite
                 trouble = Outcome.DIVERGED
             if trouble is not None:
@@ -144,47 +154,103 @@ def filter_by_filterpy(
     return keeper.estimate("ekf", Outcome.CONVERGED)
 
 
-def _predict(ekf: Any, problem: FilterProblem, settings: FilterSettings, t: float, u: Any, dt: float, point: np.ndarray | None) -> np.ndarray:
-    """Move mean and covariance over one sub-step; returns the fundamental matrix. ``point (n,)`` to linearise at moves along."""
-    system, p, free, n_x = problem.system, problem.p, problem.free, len(problem.system.states)
-    at = (ekf.x[:, 0] if point is None else point).tolist()
-    F = np.zeros_like(ekf.P)
-    F[:n_x] = _jacobian(lambda a: system.f(t, a[:n_x], u[0], with_free(p, free, a[n_x:])), at)
-    Phi, noise = settings.transition(F, problem.density, dt)
-    moved = settings.step(system.f, t, at[:n_x], u, with_free(p, free, at[n_x:]), dt)
+@dataclass(frozen=True, eq=False)
+class _Linearised:
+    """The equations of one record as filterpy needs them.
+
+    Attributes
+    ----------
+    move : from sub-step ``s`` and a point ``(n,)``: the states ``(n_x,)`` after it, the fundamental matrix and Q_k ``(n, n)``.
+    look : from sample ``k`` and a point ``(n,)``: outputs ``(m,)`` and their slopes ``(m, n)``.
+    """
+
+    move: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+    look: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def _linearised(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
+    """By the table of the equations where they have one, else by complex steps."""
+    equations = table_equations(problem, settings.step, settings.transition)
+    return _by_complex_step(problem, settings) if equations is None else _by_table(problem, equations)
+
+
+def _by_table(problem: FilterProblem, equations: Equations) -> _Linearised:
+    n, n_x, m = len(problem.names), len(problem.system.states), len(problem.variance)
+    point, slopes, none, one = equations.point, equations.G[:, :n], np.zeros((n, n)), np.eye(n)
+
+    def move(s: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        point[:] = at
+        Phi = one.copy()
+        noise = equations.move(s, Phi[:n_x])
+        return point[:n_x].copy(), Phi, none if noise is None else noise
+
+    def look(k: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        point[:] = at
+        expected = np.empty(m)
+        equations.look(k, expected)
+        return expected, slopes.copy()
+
+    return _Linearised(move, look)
+
+
+def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
+    system, p, free, n, n_x = problem.system, problem.p, problem.free, len(problem.names), len(problem.system.states)
+    grid = problem.grid
+    times, steps, samples = grid.edges.tolist(), grid.steps.tolist(), grid.sample.tolist()
+    begin, middle, end = ([row.tolist() for row in stage] for stage in problem.drive.stages)
+    feed = [row[grid.sample].tolist() for row in problem.drive.begin]
+
+    def move(s: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        point, t, dt, F = at.tolist(), times[s], steps[s], np.zeros((n, n))
+        u = ([row[s] for row in begin], [row[s] for row in middle], [row[s] for row in end])
+        F[:n_x] = _jacobian(lambda a: system.f(t, a[:n_x], u[0], with_free(p, free, a[n_x:])), point)
+        Phi, noise = settings.transition(F, problem.density, dt)
+        moved = settings.step(system.f, t, point[:n_x], u, with_free(p, free, point[n_x:]), dt)
+        return np.array(moved, dtype=float), Phi, noise
+
+    def look(k: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        t, u, point = times[samples[k]], [row[k] for row in feed], at.tolist()
+
+        def outputs(a: list[Any]) -> list[Any]:
+            return system.h(t, a[:n_x], u, with_free(p, free, a[n_x:]))
+
+        return np.array(outputs(point), dtype=float), _jacobian(outputs, point)
+
+    return _Linearised(move, look)
+
+
+def _predict(ekf: Any, equations: _Linearised, s: int, point: np.ndarray | None) -> None:
+    """filterpy's prediction over one sub-step, the mean integrated in its ``predict_x``; ``point (n,)`` to linearise at moves along."""
+    before = ekf.x[:, 0]
+    moved, ekf.F, ekf.Q = equations.move(s, before if point is None else point)
+    n_x = len(moved)
     if point is None:
-        ekf.x[:n_x, 0] = moved
+        mean = before.copy()
+        mean[:n_x] = moved
     else:
-        away = ekf.x[:, 0] - point
+        away = before - point
         point[:n_x] = moved
-        ekf.x[:, 0] = point + Phi @ away
-    ekf.P = Phi @ ekf.P @ Phi.T + noise
+        mean = point + ekf.F @ away
+
+    def predict_x(u: object = 0) -> None:
+        ekf.x = mean.reshape(-1, 1)
+
+    ekf.predict_x = predict_x
+    ekf.predict()
     ekf.P = 0.5 * (ekf.P + ekf.P.T)
-    return Phi
 
 
-def _update(ekf: Any, problem: FilterProblem, t: float, u: list[float], k: int, keeper: HistoryKeeper, point: np.ndarray | None) -> Outcome | None:
-    """filterpy's Joseph update with the channels that have a sample; how it broke down, if it did."""
-    n_x = len(problem.system.states)
-
-    def outputs(a: list[Any]) -> list[Any]:
-        return problem.system.h(t, a[:n_x], u, with_free(problem.p, problem.free, a[n_x:]))
-
-    at = (ekf.x[:, 0] if point is None else point).tolist()
-    expected = np.array(outputs(at))
+def _update(ekf: Any, problem: FilterProblem, equations: _Linearised, k: int, keeper: HistoryKeeper, point: np.ndarray | None) -> Outcome | None:
+    """filterpy's update (Joseph's form) with the channels that have a sample; how it broke down, if it did."""
+    at = ekf.x[:, 0] if point is None else point
+    expected, slopes = equations.look(k, at)
     rows = np.flatnonzero(problem.valid[:, k])
-    slopes = _jacobian(outputs, at) if point is not None or rows.size else np.zeros((len(expected), len(at)))
     if point is not None:
         expected = expected + slopes @ (ekf.x[:, 0] - point)
     log_likelihood = nis = 0.0
     if rows.size:
-        H = slopes[rows]
-        ekf.update(
-            problem.z[rows, k].reshape(-1, 1),
-            lambda x: H,
-            lambda x: expected[rows].reshape(-1, 1),
-            R=np.diag(problem.variance[rows]),
-        )
+        H, y = slopes[rows], expected[rows].reshape(-1, 1)
+        ekf.update(problem.z[rows, k].reshape(-1, 1), lambda x: H, lambda x: y, R=np.diag(problem.variance[rows]))
         ekf.P = 0.5 * (ekf.P + ekf.P.T)
         try:
             log_likelihood, nis = log_gaussian(ekf.y[:, 0], ekf.S)

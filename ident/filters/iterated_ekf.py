@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_record
+from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_by_filterpy
 from ident.filters.problem import filter_problem
 from ident.filters.smoother import SmoothedHistory, smooth
 from sim.declaration.system import System
@@ -22,7 +22,13 @@ from sim.record import Record
 
 
 def run_iterated_ekf(
-    record: Record, system: System, settings: FilterSettings | None = None, iterations: int = 15, *, by: OnePass = filter_record
+    record: Record,
+    system: System,
+    settings: FilterSettings | None = None,
+    iterations: int = 15,
+    *,
+    first: System | None = None,
+    by: OnePass = filter_by_filterpy,
 ) -> Estimate:
     """Estimate states and free parameters by a filter that is linearised anew about its own smoothed result.
 
@@ -30,6 +36,7 @@ def run_iterated_ekf(
     ----------
     record, system, settings : as for ``run_ekf``; ``settings.passes`` is not used.
     iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its sigma.
+    first : the same system with another start and narrower priors, for the first pass alone: it gives the first point to linearise at.
     by : what runs a pass, as for ``run_ekf``.
 
     Returns
@@ -43,8 +50,8 @@ def run_iterated_ekf(
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    first = by(problem, settings)
-    return settled(first, lambda done: by(problem, settings, about=done.mean), iterations)
+    begun = by(problem if first is None else filter_problem(record, first, settings.max_step), settings)
+    return settled(begun, lambda done: by(problem, settings, about=done.mean), iterations)
 
 
 def settled(estimate: Estimate, further: Callable[[SmoothedHistory], Estimate], iterations: int) -> Estimate:

@@ -223,7 +223,7 @@ def identify(
     method : output-error, filter-error, frequency-domain, equation-error, ekf, ukf.
     validate : records that are predicted with what was estimated from the others.
     profile : parameters whose profile-likelihood interval is wanted; True: of every one.
-    band : Hz, for frequency-domain. engine : who runs the filters of loes by ekf.
+    band : Hz, for frequency-domain. engine : of the extended Kalman filter, filterpy or batched.
     channels : a channel map as in ``read_record``, for all records.
     start, stop : the part that is used, s; a list of each for several maneuvers. hold, rate, lowpass, trust_record : as the command's options.
     aircraft_class, category : by which levels of flying qualities are told.

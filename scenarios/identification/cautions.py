@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from ident.estimate import Estimate, Outcome
+from ident.filters.coloured_innovations import coloured_innovations
 from ident.statistics.contradictions import contradiction, shortfall
 from scenarios.files.vehicles import VehicleFile
 from scenarios.studies.rows import Row
@@ -13,18 +16,36 @@ from scenarios.terminal.numbers import number
 # Models whose declared derivatives are knowledge; the ballistic coefficient of an unknown body is a mere start.
 AIRCRAFT = ("rigid", "flexible", "loes", "lateral", "longitudinal")
 FREE_OF_CHARGE = ("delay", "inv_tau")  # of a low-order system: started anywhere, zero included
+NOTABLE = 1.25  # times, by which coloured noise must widen a standard deviation to be worth a caution
+STILL_SHORT = "10 to 25 %"  # what corrected standard deviations lack, measured under AR(1) noise of coefficient 0.9
 CAUSES = "the model lacks something, a channel has a wrong sign or unit, or the file is wrong"
 
 
 def cautions_of(vehicle: VehicleFile, estimate: Estimate, rows: Sequence[Row]) -> tuple[str, ...]:
-    """Sentences, at most one on the outcome and one on all derivatives together."""
+    """Sentences, at most one on the outcome, one on coloured noise and one on all derivatives together."""
     told = []
     outcome = estimate.outcome
     if outcome is not Outcome.CONVERGED:
         told.append(f"{outcome.value}; {outcome.hint}" if outcome.hint else outcome.value)
+    told += [said] if (said := coloured(estimate)) else []
     if vehicle.model in AIRCRAFT:
         told += [said] if (said := contradicted(rows, vehicle.derivatives)) else []
     return tuple(told)
+
+
+def coloured(estimate: Estimate) -> str:
+    """One sentence on a filter whose innovations are coloured: by how much standard deviations for white noise are too small."""
+    found = coloured_innovations(estimate)
+    if found is None or not found.significant or not found.factor.size or found.factor.max() < NOTABLE:
+        return ""
+    worst = int(np.argmax(found.factor))
+    apart = ", ".join(f"{name} {value:.2f}" for name, value in found.lag_one.items())
+    text = f"the noise is not white (autocorrelation of the residuals one sample apart: {apart}): standard deviations for white noise "
+    text += f"would be up to {found.factor[worst]:.1f} times too small ({found.names[worst]})"
+    corrected = estimate.sigma(found.names[worst]) >= 0.99 * float(np.sqrt(found.covariance[worst, worst]))
+    if not corrected:
+        return text.replace("would be", "are") + "; those given are for white noise"
+    return f"{text}; those given are corrected for it, and may still be {STILL_SHORT} too small, as the colour is known from this record alone"
 
 
 def contradicted(rows: Sequence[Row], declared: Mapping[str, float]) -> str:

@@ -24,7 +24,7 @@ from scenarios.identification.cautions import cautions_of
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.frequency import chosen_band, delays_of
 from scenarios.identification.gravity import PATH, weighed, without_theta
-from scenarios.identification.methods import FILTERS, estimated_by, forced, refuse_method, uses_attitude
+from scenarios.identification.methods import FILTERS, engine_of, estimated_by, forced, refuse_method, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
 from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
@@ -53,9 +53,8 @@ def identify(
     ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own. Records ``held_out`` are predicted.
 
     Each output but an altitude (of an own model those that it names) gets a bias, each record its own initial state. A filter takes its measurement
-    noise from the residual of an output-error fit, its initial state from the first samples, and is
-    iterated from its own result, because a file's starting values may be far off. ``filter-error`` puts an aircraft into
-    Dryden turbulence of unknown intensity and length, and forces a falling body by white noise of unknown size.
+    noise and its start from an output-error fit, its initial state from the first samples, and is iterated from its own result.
+    ``filter-error`` puts an aircraft into Dryden turbulence, and forces a falling body by white noise, both of unknown size.
 
     Raises
     ------
@@ -99,6 +98,7 @@ def identify(
         band=options.band,
         fits=_fits(records, held_out, compiled, estimate, settings),
         trained=trained_by(compiled, estimate.as_dict(), settings),
+        engine=engine_of(method, options),
     )
 
 

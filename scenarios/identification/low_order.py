@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ident.banks.delays import DelayBank, run_delay_bank
-from ident.banks.engines import BATCHED, ENGINES
+from ident.banks.engines import BATCHED, ENGINES, against_filterpy
 from ident.estimate import Estimate
 from ident.flying_qualities.handling_qualities import qualities
 from ident.statistics.noise_envelope import noise_envelope
@@ -21,6 +21,7 @@ from ident.statistics.residuals import residual_tests
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order_filter import SIMULATION_SHARE, loes_filter_system
 from scenarios.identification.result import Identification
+from scenarios.studies.engines import bank_content
 from scenarios.studies.rows import rows_of
 from sim.closed_loop.reader import load_x29
 from sim.declaration.system import System
@@ -47,7 +48,9 @@ def identify_loes(record: Record, vehicle: VehicleFile, engine: str | None = Non
     offsets = trim_of(record, noise)
     about_trim = less(record, offsets)
     system = filter_system(about_trim, vehicle, noise)
-    found = run_delay_bank(about_trim, system, engine=ENGINES[engine] if engine else BATCHED)
+    chosen = ENGINES[engine] if engine else BATCHED
+    found = run_delay_bank(about_trim, system, engine=chosen)
+    second = against_filterpy(about_trim, system, found.bank, found.delays) if chosen is BATCHED else None
     trim = np.array([offsets.get(name, 0.0) for name in found.estimate.output_names])[:, None]
     estimate = replace(found.estimate, fitted=tuple(rows + trim for rows in found.estimate.fitted))
     z, valid = record.output_array(estimate.output_names)
@@ -55,8 +58,8 @@ def identify_loes(record: Record, vehicle: VehicleFile, engine: str | None = Non
     fixed = {item.name: (item.value, item.unit) for item in system.parameters if not item.free and item.name not in estimate.names}
     if "delay" in fixed:
         fixed["delay"] = (found.refined, "s")
-    derived, said = derived_of(estimate, vehicle, weighted_delay(found)), (f"filters run by the {engine} engine",) if engine else ()
-    return Identification(record, vehicle, "ekf", estimate, rows_of(estimate), (), derived, fixed, tests, notes=said)
+    derived, kept = derived_of(estimate, vehicle, weighted_delay(found)), bank_content(chosen.name, second)
+    return Identification(record, vehicle, "ekf", estimate, rows_of(estimate), (), derived, fixed, tests, engine=kept)
 
 
 def filter_system(record: Record, vehicle: VehicleFile, noise: Mapping[str, float]) -> System:

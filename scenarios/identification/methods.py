@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.banks.engines import ENGINES
+from ident.banks.delays import WIDENINGS, contradicted, widened
+from ident.banks.engines import ENGINES, FILTERPY
 from ident.estimate import Estimate, Outcome
+from ident.filters.coloured_innovations import with_coloured_covariance
 from ident.filters.iterated_ekf import run_iterated_ekf
 from ident.whole_record.output_error import FitSettings, fit_output_error
 from scenarios.files.own_models import inputs_at_rest, is_own
@@ -19,6 +21,7 @@ from scenarios.identification.frequency import delays_of, estimated, refuse_band
 from scenarios.identification.gravity import PATH
 from scenarios.identification.result import Options
 from scenarios.preparation.trim import of_totals
+from scenarios.studies.engines import UNSCENTED
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import ParameterSet
@@ -34,6 +37,9 @@ ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falli
 TURBULENCE = "gust-turbulence"
 FORCED = 0.1  # of a state's scatter, by which white noise moves it in a second where the fit begins
 ASIDE = 0.1  # from rest, where rates are tried for a parameter that acts
+NEAR = 3.0  # sigmas of a fit, by which a filter's first pass may leave it
+WIDE = 20.0  # sigmas of a fit, as a filter's prior about it: the data then count 1 + 1/400 times
+SETTLED = (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)
 LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 
 
@@ -61,17 +67,26 @@ def refuse_method(records: Sequence[Record], vehicle: VehicleFile, method: str, 
         what = "the bank of delays estimates every derivative from its start, and the vehicle file fixes or ties some"
         raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or frequency-domain")
     if options.engine is not None:
-        _refuse_engine(options.engine, vehicle, method)
+        _refuse_engine(options.engine, method)
     if vehicle.model == "loes" and method == "ukf":
         raise DeclarationError("a pure delay has no unscented filter here", where="--method", remedy="use ekf: a bank of filters, refined")
 
 
-def _refuse_engine(engine: str, vehicle: VehicleFile, method: str) -> None:
+def _refuse_engine(engine: str, method: str) -> None:
     if engine not in ENGINES:
         raise DeclarationError(f"there is no engine {engine!r}", where="--engine", remedy=f"use one of {', '.join(ENGINES)}")
-    if vehicle.model != "loes" or method != "ekf":
-        remedy = "leave it out; every other filter is run by filterpy alone, and no other method is a filter's"
-        raise DeclarationError("only the bank of delays has two engines (--model loes --method ekf)", where="--engine", remedy=remedy)
+    if method != "ekf":
+        what = f"only the extended Kalman filter has two engines, and the method is {method}"
+        raise DeclarationError(what, where="--engine", remedy="leave it out, or use --method ekf")
+
+
+def engine_of(method: str, options: Options) -> dict[str, str]:
+    """Content of the key ``engine`` in the study file of a single filter; empty where the method is no filter."""
+    if method == "ukf":
+        sentence = f"first pass {UNSCENTED}; further passes by the own sigma-point kernel"
+        return {"name": "filterpy", "sentence": sentence}
+    engine = ENGINES[options.engine or FILTERPY.name]
+    return {"name": engine.name, "sentence": engine.label} if method == "ekf" else {}
 
 
 def _refuse_beyond_measure(record: Record) -> None:
@@ -101,15 +116,41 @@ def estimated_by(
 
         return system, fit_filter_error(records, compile_model(forced(model, records), outputs), settings, calm=system, local=[PATH])
     fit = fit_output_error(records, system, settings, local=[PATH])
-    if method not in FILTERS:
-        return system, fit
-    record, ready = records[0], _for_filter(model, records[0], outputs, fit)
+    return (system, fit) if method not in FILTERS else _filtered(records[0], model, outputs, method, settings, options, fit)
+
+
+def _filtered(
+    record: Record, model: Model, outputs: list[str], method: str, settings: FitSettings, options: Options, fit: Estimate
+) -> tuple[System, Estimate]:
+    """A filter along one record, begun from an output-error ``fit`` of it, with a covariance corrected for coloured innovations.
+
+    Priors that the record contradicts are made as wide as the estimate lies from their start, as in the bank of delays.
+    """
+    ready = _for_filter(model, record, outputs, fit)
+    first = compile_model(_near_fit(ready, fit), outputs, online=True)
+    if not settings.use_priors:
+        ready = _about_fit(ready, fit)
     system = compile_model(ready, outputs, online=True)
+    estimate = _run_filter(record, system, first, method, options)
+    for _ in range(WIDENINGS):
+        held_back = contradicted(system, estimate.as_dict()) if estimate.outcome in SETTLED else ()
+        if not held_back:
+            break
+        system = widened(system, held_back)
+        estimate = _run_filter(record, system, first, method, options)
+    estimate = with_coloured_covariance(estimate)
+    if not _values_of(fit) and not estimate.message:
+        said = f"the output-error fit that gives the filter its start did not settle ({fit.outcome.value}): it started from the vehicle file"
+        estimate = replace(estimate, message=said)
+    return system, estimate
+
+
+def _run_filter(record: Record, system: System, first: System, method: str, options: Options) -> Estimate:
     if method == "ekf":
-        return system, run_iterated_ekf(record, system)
+        return run_iterated_ekf(record, system, first=first, by=ENGINES[options.engine or FILTERPY.name].one_pass)
     from ident.filters.iterated_ukf import run_iterated_ukf
 
-    return system, run_iterated_ukf(record, system, first=compile_model(_for_points(ready), outputs, online=True))
+    return run_iterated_ukf(record, system, first=first)
 
 
 def forced(model: Model, records: Sequence[Record] = ()) -> Model:
@@ -188,13 +229,40 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
     return replace(model, initial=ParameterSet(tuple(states)), parameters=parameters, noise=Noise(std))
 
 
-def _for_points(model: Model) -> Model:
-    """Priors of derivatives for an unscented filter's first pass: its points lie sqrt(n) sigmas out, n unknowns, and none shall have another sign."""
+def _near_fit(model: Model, fit: Estimate) -> Model:
+    """The model for a filter's first pass, which only gives a point to linearise at: derivatives near those of an output-error fit.
+
+    Where there is no fit they start as declared, with priors that keep the points of an unscented filter (sqrt(n) sigmas out, n
+    unknowns) from turning a sign.
+    """
     count = sum(item.free for item in model.initial) + len(model.parameters.free_names)
-    names = [name for name in model.parameters.free_names if name not in {f"bias_{output}" for output in model.biases}]
-    widest = {name: abs(model.parameters[name].value) / np.sqrt(count) for name in names}
-    narrowed = {name: min(model.parameters[name].prior_std, float(std)) for name, std in widest.items() if std > 0.0}
-    return model.with_parameters(model.parameters.with_prior(narrowed))
+    biases = {f"bias_{output}" for output in model.biases}
+    values = _values_of(fit)
+    std = {name: NEAR * float(sigma) for name, sigma in zip(fit.names, fit.std, strict=True) if name in values}
+    parameters, narrowed = model.parameters.with_values(values), {}
+    for name in parameters.free_names:
+        if name in biases:
+            continue
+        item = parameters[name]
+        widest = float(abs(item.value) / np.sqrt(count))
+        limit = min(std.get(name, np.inf), widest if widest > 0.0 else np.inf)
+        if 0.0 < limit < item.prior_std:
+            narrowed[name] = limit
+    return model.with_parameters(parameters.with_prior(narrowed))
+
+
+def _about_fit(model: Model, fit: Estimate) -> Model:
+    """The model with priors about an output-error fit, so wide that they add next to nothing to what the record says."""
+    values = _values_of(fit)
+    sigma = dict(zip(fit.names, fit.std.tolist(), strict=True))
+    prior = {name: max(model.parameters[name].prior_std, WIDE * sigma[name]) for name in values}
+    return model.with_parameters(model.parameters.with_values(values).with_prior(prior))
+
+
+def _values_of(fit: Estimate) -> dict[str, float]:
+    """Values of a fit that has settled, by name; empty for one that has not."""
+    sound = fit.outcome in (Outcome.CONVERGED, Outcome.DEGENERATE) and bool(np.all(np.isfinite([*fit.values, *fit.std])))
+    return fit.as_dict() if sound else {}
 
 
 def _first_state(name: str, record: Record, outputs: list[str], std: dict[str, float], spread: dict[str, float]) -> tuple[float, float]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 from ident.estimate import Estimate
 from ident.flying_qualities.characteristics import Characteristics
@@ -30,6 +32,7 @@ class Identification:
     ``tied``: parameters that follow others; ``at_bounds`` those that ended at a bound and are not among ``rows``. ``intervals`` by profile
     likelihood, where they were asked. ``fits``: each record simulated with the estimate, those held out last. ``band``: Hz, of a fit in
     the frequency domain. ``trained``: what another record is predicted with.
+    ``engine``: of the filter, its ``name`` and a ``sentence``; empty without a filter.
     """
 
     record: Record
@@ -55,6 +58,7 @@ class Identification:
     fits: tuple[RecordFit, ...] = ()
     band: tuple[float, float] | None = None
     trained: Trained | None = None
+    engine: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Identification: {self.vehicle.model} model of {self.vehicle.name} from {self.record!r}: {self.estimate!r}>"
@@ -65,7 +69,7 @@ class Options:
     """What an identification is asked besides its method.
 
     ``profile``: parameters whose interval is wanted, empty for all, None for none. ``band``: Hz, of the frequency domain; None: from the data.
-    ``engine``: who runs the bank of delays, a key of ``ident.banks.engines.ENGINES``; None: not said.
+    ``engine``: of the extended Kalman filter, a key of ``ident.banks.engines.ENGINES``; None: filterpy for one filter, batched for a bank.
     """
 
     profile: tuple[str, ...] | None = None

@@ -14,6 +14,7 @@ from scenarios.files.versions import versions
 from scenarios.studies.declaration import Start
 from scenarios.studies.departures import choices_content, misprints, other_flight, vehicle_origins
 from scenarios.studies.determination.content import determination_content
+from scenarios.studies.engines import engine_content
 from scenarios.studies.published import published_remark
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
@@ -103,6 +104,7 @@ def method_content(method: MethodResult) -> dict[str, Any]:
     """Parameters, derived quantities, outcome and tests of one method."""
     content = estimate_content(method.result.estimate, method.rows, method.derived, method.fixed, method.tests)
     content["method"] = method.estimation.method
+    content |= engine_content(method.estimation)
     if method.determination is not None:
         content["determination"] = determination_content(method.determination)
     if method.estimation.explanation:

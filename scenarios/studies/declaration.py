@@ -136,6 +136,7 @@ class Estimation:
     flown_noise_std : the same flight measured with sensors of this noise; empty takes the record as flown.
     flight : what was flown for this estimation alone, with its ``distance``; None takes the scenario's.
     choices : values of this estimation that no source gives.
+    engine : of an extended Kalman filter, a key of ``ident.banks.engines.ENGINES``; both give the same result to rounding.
     """
 
     name: str
@@ -162,6 +163,7 @@ class Estimation:
     flight: Flight | None = None
     distance: str = ""
     choices: tuple[Choice, ...] = ()
+    engine: str = "filterpy"
 
 
 @dataclass(frozen=True)

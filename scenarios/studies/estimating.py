@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
+from ident.banks.engines import ENGINES
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
 from ident.filters.transition import Exponential, Taylor
@@ -184,7 +186,7 @@ def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
     if estimation.method == "ukf":
         from ident.filters.ukf import run_ukf as run
     else:
-        run = run_ekf
+        run = partial(run_ekf, by=ENGINES[estimation.engine].one_pass)
     settings = filter_settings(estimation)
     if math.isinf(estimation.spread):
         return run(record, compiled(estimation, model), settings)

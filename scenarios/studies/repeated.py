@@ -84,7 +84,8 @@ def _flown(scenario: Scenario, variation: Variation, first: int, runs: int) -> I
 def _scatter(scenario: Scenario, variation: Variation, estimation: Estimation, flown: list[tuple[Record, Truth]]) -> Scatter:
     model = declared_model(estimation, flight_constants(variation.flight, estimation), assumed_noise(scenario, estimation))
     names = tuple(estimation.start)
-    done = [estimate_record(estimation, record, model).estimate for record, _ in flown]
+    own = replace(estimation, engine="batched")
+    done = [estimate_record(own, record, model).estimate for record, _ in flown]
     true = np.array([[truth.parameters[name].value for name in names] for _, truth in flown])
     values = np.array([[estimate.value(name) for name in names] for estimate in done])
     std = np.array([[estimate.sigma(name) for name in names] for estimate in done])

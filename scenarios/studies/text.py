@@ -11,6 +11,7 @@ from rich.text import Text
 
 from scenarios.studies.departures import HEADING, choice_lines, other_flight_line, vehicle_line
 from scenarios.studies.determination.text import print_determination
+from scenarios.studies.engines import engine_line
 from scenarios.studies.notes import flexibility_sentences
 from scenarios.studies.published import published_remark
 from scenarios.studies.repeated import Scatter
@@ -33,6 +34,8 @@ def print_study(study: Study, out: Console | None = None, details: str = BELOW) 
     print_summary(out, study_summary(study, details))
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(study.record)} samples in {study.record.time[-1]:g} s", highlight=False)
+    if line := engine_line([method.estimation for method in study.methods]):
+        out.print(line, highlight=False)
     for method in study.methods:
         out.print()
         _print_method(study, method, out)

@@ -13,6 +13,7 @@ from ident.flying_qualities.handling_qualities import UNITS, Level
 from scenarios.files.versions import versions
 from scenarios.studies.comparison import SCHEMA
 from scenarios.studies.departures import choices_content
+from scenarios.studies.engines import bank_content
 from scenarios.x29.findings import bias_rows, not_identifiable, sentences
 from scenarios.x29.loop.linear_check import linear_content
 from scenarios.x29.loop.open_margins import margins_content
@@ -142,12 +143,12 @@ def _further(study: LoopStudy) -> dict[str, Any]:
 
 
 def _engine(study: LoopStudy) -> dict[str, Any]:
-    """Another engine than the batched bank, and how far from it its filters are."""
-    found = study.engines
+    """Who ran the bank, and how far it is from the other engine."""
+    content, found = bank_content(study.scenario.estimation.engine, study.second), study.engines
     if found is None:
-        return {}
+        return {"engine": content}
     apart = {"mean_sigmas": found.mean, "std_share": found.std, "log_likelihood_share": found.log_likelihood, "same_sound": found.sound}
-    return {"engine": {"name": study.scenario.estimation.engine, "against_batched": apart}}
+    return {"engine": {**content, "against_batched": apart}}
 
 
 def _parameters(study: LoopStudy) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from rich.text import Text
 from ident.flying_qualities.handling_qualities import UNITS as QUALITY_UNITS
 from ident.flying_qualities.handling_qualities import Level, Quality
 from scenarios.studies.departures import choice_lines
+from scenarios.studies.engines import bank_line
 from scenarios.studies.text import print_choices
 from scenarios.terminal.display_units import is_frequency, unit_cell
 from scenarios.terminal.numbers import console, number, test_line
@@ -45,6 +46,7 @@ def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELO
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     window = f"{record.time[0]:g} to {record.time[-1]:g} s"
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(record)} samples, {window}", highlight=False)
+    out.print(bank_line(scenario.estimation.engine, study.second), highlight=False)
     _estimate(study, out)
     print_choices(out, choice_lines(scenario.choices))
     for table in list(TABLES.values())[1:]:

@@ -66,7 +66,7 @@ class _Estimate(_Strict):
     window_stop: Quantity | None = None
     restarts: int = Field(default=0, ge=0, le=30)
     prior: Literal["quarter", "printed"] = "quarter"
-    engine: Literal["batched", "filterpy"] = "batched"
+    engine: Literal["filterpy", "batched"] = "batched"
 
 
 class _Margins(_Strict):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.banks.delays import DelayBank
-from ident.banks.engines import BATCHED, Agreement, agreement
+from ident.banks.engines import BATCHED, Agreement, SecondPass, against_filterpy, agreement
 from ident.estimate import Estimate
 from ident.flying_qualities.frequency_response import estimate_response, fit_response
 from ident.flying_qualities.handling_qualities import Level, Quality, levels, qualities
@@ -70,7 +70,8 @@ class LoopStudy:
     ``paper`` is the filter set up by the paper's rules, ``plain`` the paper's procedure; ``first`` the refined bank before any restart,
     ``passes`` the estimates from restart to restart, ``restarts`` those of plain filters by label; ``methods`` as the scenario names
     them; ``other`` the result compared with; ``together`` plain results of several scenarios by name; ``margins`` by airframe;
-    ``engines`` how far another engine's filters are from the batched ones; ``linear`` the flown loop against the linear one; ``open_margins``
+    ``engines`` how far another engine's filters are from the batched ones; ``second`` how far filterpy is from the likeliest filter of the
+    batched plain bank, None under another engine; ``linear`` the flown loop against the linear one; ``open_margins``
     what the paper leaves open of the margins, None where the scenario varies nothing.
     """
 
@@ -98,6 +99,7 @@ class LoopStudy:
     engines: Agreement | None = None
     linear: LinearCheck | None = None
     open_margins: OpenMargins | None = None
+    second: SecondPass | None = None
 
 
 def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
@@ -169,6 +171,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         None if setting.engine is BATCHED else agreement(plain(replace(paper, engine=BATCHED)).bank, found.bank),
         None if flown.truth is None or not flown.truth.stick.any() else linear_check(flown.x29, flown.truth),
         planned_margins(scenario.margins, found_margins),
+        against_filterpy(paper.record, paper.system, found.bank, found.delays) if paper.engine is BATCHED else None,
     )
 
 

@@ -56,7 +56,8 @@ def identify(
         tuple[float, float] | None, typer.Option("--band", metavar="LOW HIGH", help="Hz, for frequency-domain; else from the inputs' power.")
     ] = None,
     engine: Annotated[
-        str | None, typer.Option("--engine", metavar="ENGINE", help="Who runs the filters of loes by ekf: batched (usual) or filterpy, one by one.")
+        str | None,
+        typer.Option("--engine", metavar="ENGINE", help="Of the extended Kalman filter: filterpy or batched; same result."),
     ] = None,
     aircraft_class: Class = None,
     category: Category = None,

@@ -81,6 +81,7 @@ def identification_content(found: Identification, files: Sequence[InputFile], fl
         "model": found.vehicle.model,
         "vehicle": found.vehicle.name,
         "method": found.method,
+        **({"engine": dict(found.engine)} if found.engine else {}),
         **content,
         **({"flying_qualities": levels_content(mode_levels(found.modes, flown), flown)} if found.modes is not None else {}),
         **({"biases": {row.name: {"estimate": row.estimate, "std": row.std, "unit": row.unit} for row in found.biases}} if found.biases else {}),

@@ -89,6 +89,7 @@ def _made(found: Identification) -> list[Block]:
     parts = tuple(f"{r.name}: {len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s" for r in records)
     notes = tuple(sentence(note) for note in found.notes)
     blocks: list[Block] = [Bullets(parts), Bullets(notes)]
+    blocks += [Prose(sentence(f"engine: {found.engine['sentence']}"))] if found.engine else []
     return [*blocks, *([fixed_table("What was held", found.fixed)] if found.fixed else [])]
 
 

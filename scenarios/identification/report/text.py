@@ -33,6 +33,8 @@ def print_identification(found: Identification, flown: Flown, out: Console | Non
     for record in records:
         told = f"; {found.vehicle.model} model, {found.method}: {found.estimate.outcome.value}" if record is records[-1] else ""
         print_paragraph(out, f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s{told}", 0)
+    if found.engine:
+        print_paragraph(out, f"engine: {found.engine['sentence']}", 0)
     said = [*(f"warning: {doubt}" for doubt in found.doubts), *(f"caution: {caution}" for caution in found.cautions)]
     for line in (*said, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
         print_paragraph(out, line, 0)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.banks.bank import run_bank
+from ident.banks.single_filter import filter_batched
 from ident.filters.ekf import run_ekf
 from scenarios.studies.declaration import Estimation
 from scenarios.studies.estimating import compiled, filter_settings
@@ -219,7 +220,7 @@ def _cost_of(work: EstimatorRuns, plan: _Plan, records: Sequence[Record], many: 
         if z is not None:
             total = float(run_bank(records[0], system, once, z=z).log_likelihood.sum())
         else:
-            total = float(sum(run_ekf(record, system, once).log_likelihood for record in records))
+            total = float(sum(run_ekf(record, system, once, by=filter_batched).log_likelihood for record in records))
         return -total if math.isfinite(total) else 1e12
 
     return cost

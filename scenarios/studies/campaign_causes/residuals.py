@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.banks.bank import run_bank
+from ident.banks.single_filter import filter_batched
 from ident.filters.ekf import FilterSettings, run_ekf
 from ident.statistics.coloured_covariance import autocovariance
 from scenarios.studies.estimating import compiled
@@ -64,7 +65,7 @@ def residuals_of(work: EstimatorRuns, seeds: Sequence[int]) -> Residuals | None:
             normal = bank.innovation / bank.innovation_std
             sound = bool(np.all(bank.sound))
         else:
-            histories = [run_ekf(record, system, settings).history for record in records]
+            histories = [run_ekf(record, system, settings, by=filter_batched).history for record in records]
             normal = np.stack([h.innovation / h.innovation_std for h in histories if h is not None], axis=2)
             sound = normal.shape[2] == len(records)
     except FlightidError:

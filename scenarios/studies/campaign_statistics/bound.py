@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.banks.single_filter import filter_batched
 from ident.filters.ekf import run_ekf
 from ident.statistics.information import inverse_information
 from ident.whole_record.sensitivities import weighted_sensitivities
@@ -101,7 +102,7 @@ def _forced(estimation: Estimation, model: Model, record: Record, truth: Truth) 
     exact = replace(record, outputs=tuple(replace(each, values=truth.outputs[each.name]) for each in record.outputs))
     told = replace(model, parameters=model.parameters.with_prior(prior))
     once = replace(estimation, method="ekf", passes=1)
-    found = run_ekf(exact, compiled(once, told), filter_settings(once)).only(free)
+    found = run_ekf(exact, compiled(once, told), filter_settings(once), by=filter_batched).only(free)
     information = np.linalg.inv(found.covariance) - np.diag([prior[name] ** -2.0 for name in found.names])
     order = [found.names.index(name) for name in free]
     return np.asarray(information[np.ix_(order, order)])

@@ -14,6 +14,7 @@ from scenarios.pages.wording import capital, sentence, summary_sentences
 from scenarios.plots.page.named import Drawn
 from scenarios.studies.departures import choice_lines, other_flight_line, vehicle_line
 from scenarios.studies.determination.text import print_determination
+from scenarios.studies.engines import engine_line
 from scenarios.studies.notes import flexibility_sentences
 from scenarios.studies.published import published_remark
 from scenarios.studies.report.scattered import scattered_blocks
@@ -131,6 +132,8 @@ def _made(study: Study) -> list[Block]:
     blocks: list[Block] = [Prose(sentence(scenario.about))] if scenario.about else []
     told = f"Truth and model: {scenario.distance}. {len(record)} samples in {record.time[-1]:g} s"
     blocks += [Prose(f"{told}, {_integrated(study.truth)}.")]
+    if line := engine_line([method.estimation for method in study.methods]):
+        blocks += [Prose(sentence(line))]
     if study.flexibility is not None:
         blocks += [Prose(sentence(line)) for line in flexibility_sentences(study.flexibility, scenario.flight.noise_std)]
     blocks += [Prose(sentence(note)) for note in study.notes]

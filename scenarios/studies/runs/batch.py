@@ -42,7 +42,8 @@ def is_batched(estimation: Estimation, feedback: bool) -> bool:
 
 def one_by_one(estimation: Estimation, records: Sequence[Record], model: Model) -> Estimates:
     """Runs by a method that takes one record at a time."""
-    found = [estimate_record(estimation, record, model).estimate for record in records]
+    own = replace(estimation, engine="batched")
+    found = [estimate_record(own, record, model).estimate for record in records]
     histories = [each.history for each in found]
     return Estimates(
         found[0].names,

@@ -11,7 +11,7 @@ from typing import Any
 from scenarios.studies.declaration import Estimation, Scenario
 from sim.errors import DeclarationError
 
-WORDS = ("label", "explanation", "published", "choices", "own", "flight", "distance")  # of an estimation, on which no number depends
+WORDS = ("label", "explanation", "published", "choices", "own", "flight", "distance", "engine")  # of an estimation, on which no number depends
 
 
 def identity_of(scenario: Scenario, estimation: Estimation) -> dict[str, Any]:

@@ -55,6 +55,9 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         choices = choices_of(method.own, merged, f"{place}.own")
         mains.append(replace(declared, flight=own_flight, distance=method.distance or "", choices=choices))
     _refuse_other_flights(content, mains, where)
+    if content.estimate.engine is not None and not any(each.method == "ekf" for each in mains):
+        what = "an engine is named, and no method is an extended Kalman filter"
+        raise DeclarationError(what, where=f"{where}, key estimate.engine", remedy='leave it out, or write method = "ekf"')
     return Scenario(
         name,
         content.title,
@@ -123,6 +126,7 @@ def estimation_of(estimate: EstimateTable, name: str, where: str, flight: Flight
         explanation=" ".join(estimate.explanation.split()),
         published=_choice(estimate.published),
         flown_noise_std=standard_deviations({}, estimate.flown_noise_variance, place, model),
+        engine=estimate.engine or "filterpy",
         own=own,
     )
     return declared if own is None else completed(declared, flight.noise_std)

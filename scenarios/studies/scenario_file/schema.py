@@ -115,6 +115,7 @@ class EstimateTable(Strict):
     terms: int = Field(default=3, ge=0, le=12)
     max_step: Quantity | None = None
     passes: int = Field(default=1, ge=1)
+    engine: Literal["filterpy", "batched"] | None = None
     spread: float | None = Field(default=None, ge=5)
     use_priors: bool = False
     explanation: str = ""

@@ -119,7 +119,8 @@ def _estimated(scenario: Scenario, estimation: Estimation, flights: Sequence[Fli
         return [SweptMethod(estimation, bank.names[first:], *column) for column in columns]
     found = []
     for flight, record, right in zip(flights, records, condensed, strict=True):
-        estimate = estimate_record(estimation, record, _model(scenario, estimation, flight)).estimate
+        own = replace(estimation, engine="batched")
+        estimate = estimate_record(own, record, _model(scenario, estimation, flight)).estimate
         z, valid = record.output_array(estimate.output_names)
         tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
         numbers = (estimate.names, estimate.values, estimate.std, estimate.outcome, estimate.log_likelihood)

@@ -15,6 +15,7 @@ from scenarios.pages.tables import tests_table
 from scenarios.pages.wording import capital, sentence
 from scenarios.plots.page.named import Drawn
 from scenarios.studies.departures import HEADING, choice_lines
+from scenarios.studies.engines import bank_line
 from scenarios.terminal.numbers import number, test_line
 from scenarios.x29.findings import sentences
 from scenarios.x29.printing import TABLES, WORDS
@@ -61,8 +62,9 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
 def _made(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[Section, ...]:
     scenario = study.scenario
     told = Prose(f"Truth and model: {scenario.distance}. {len(study.result.setting.record)} samples, {window}.")
+    engine = Prose(sentence(bank_line(scenario.estimation.engine, study.second)))
     heading = Prose(sentence(HEADING)) if choices else None
-    return section("How it was made", Prose(sentence(scenario.about)) if scenario.about else None, told, heading, Bullets(tuple(choices)))
+    return section("How it was made", Prose(sentence(scenario.about)) if scenario.about else None, told, engine, heading, Bullets(tuple(choices)))
 
 
 def _units(study: LoopStudy) -> dict[str, str]:

@@ -139,7 +139,7 @@ def test_what_the_engineer_reads_is_said_and_written(tmp_path: Path) -> None:
     assert written["parameters"]["M_alpha"]["published"]["value"] == -8.95
     assert written["margins"]["F"]["phase_deg"] == pytest.approx(33.1, abs=1.0)
     assert written["margins"]["D"]["phase_deg"] > written["margins"]["S"]["phase_deg"] and "open_margins" not in written
-    assert written["linear"]["q_misfit_of"]["none of these"] < 1e-9 < written["linear"]["misfit"]["q"] and "engine" not in written
+    assert written["linear"]["q_misfit_of"]["none of these"] < 1e-9 < written["linear"]["misfit"]["q"] and written["engine"]["name"] == "batched"
     assert all(row["source"] for row in written["levels"])
     assert (folder / "history.csv").is_file() and (folder / "truth.json").is_file()
     assert len([path for path in folder.rglob("comparison.json")]) == 1

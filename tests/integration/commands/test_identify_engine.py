@@ -1,4 +1,4 @@
-"""`flightid identify --model loes --method ekf --engine`: the same result whoever runs the filters, and refused where there is no choice."""
+"""`flightid identify --method ekf --engine`: the same result by either engine, one line that names it, and refused for other methods."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from tests import loes_problem as problem
 from tests.bases import LOES_CONSTANTS, LOES_VALUES
 from tests.integration.command_line import CommandLine
 
+LINES = {"batched": "engine: batched kernel; equals filterpy to ", "filterpy": "engine: filterpy ExtendedKalmanFilter"}
 VEHICLE = "name = 'low order'\n{constants}\n[derivatives]\n{derivatives}\n"
 
 
@@ -31,8 +32,9 @@ def test_filterpy_finds_what_the_batched_bank_finds(flightid: CommandLine, files
         out = tmp_path / engine
         common = ("--model", "loes", "--vehicle", files[1], "--method", "ekf", "--no-figures")
         printed = flightid.done("identify", files[0], *common, "--engine", engine, "--out", out)
-        assert f"filters run by the {engine} engine" in printed
+        assert printed.count("engine: ") == 1 and LINES[engine] in printed
         found[engine] = json.loads((out / "comparison.json").read_text(encoding="utf-8"))
+        assert found[engine]["engine"]["name"] == engine
     rows, others = (found[engine]["parameters"] for engine in ("batched", "filterpy"))
     assert set(rows) == set(others)
     for name, row in rows.items():
@@ -42,5 +44,5 @@ def test_filterpy_finds_what_the_batched_bank_finds(flightid: CommandLine, files
 
 def test_an_engine_is_refused_where_there_is_no_choice(flightid: CommandLine, files: tuple[Path, Path]) -> None:
     common = ("identify", files[0], "--model", "loes", "--vehicle", files[1])
-    assert "only the bank of delays has two engines" in flightid.refused(*common, "--engine", "filterpy")
-    assert "use one of batched, filterpy" in flightid.refused(*common, "--method", "ekf", "--engine", "numba")
+    assert "only the extended Kalman filter has two engines, and the method is output-error" in flightid.refused(*common, "--engine", "filterpy")
+    assert "use one of filterpy, batched" in flightid.refused(*common, "--method", "ekf", "--engine", "numba")

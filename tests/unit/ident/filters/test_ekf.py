@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
-from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_by_filterpy, filter_by_table, filter_record, run_ekf
+from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_by_complex_step, filter_by_filterpy, filter_by_table, run_ekf
 from ident.filters.transition import Exponential, Taylor, Transition
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Noise
@@ -36,7 +36,7 @@ def oracle(record: Record, settings: FilterSettings, density: dict[str, float], 
     return kalman(model, record.time, record.input_array(), z, valid, np.diff(grid.sample), terms=terms, euler=euler, ramp=ramp)
 
 
-def assert_same(record: Record, settings: FilterSettings, density: dict[str, float], terms: int | None, by: OnePass = filter_record) -> None:
+def assert_same(record: Record, settings: FilterSettings, density: dict[str, float], terms: int | None, by: OnePass = filter_by_filterpy) -> None:
     estimate, expected = run_ekf(record, compile_model(oscillator(density), online=True), settings, by=by), oracle(record, settings, density, terms)
     history = estimate.history
     assert history is not None and estimate.outcome is Outcome.CONVERGED
@@ -80,7 +80,7 @@ def test_equals_the_covariance_form(density: dict[str, float], step: Step, trans
 
 
 @pytest.mark.parametrize("density", [{}, DENSITY], ids=["quiet", "forced"])
-@pytest.mark.parametrize("by", [filter_by_table, filter_by_filterpy])
+@pytest.mark.parametrize("by", [filter_by_table, filter_by_filterpy, filter_by_complex_step])
 def test_either_way_equals_the_covariance_form(density: dict[str, float], by: OnePass) -> None:
     record = record_of(np.random.default_rng(5), 40, uneven=True, missing=True)
     assert_same(record, FilterSettings(max_step=0.03), density, 3, by)

@@ -10,7 +10,7 @@ import pytest
 
 import ident.filters.ekf as ekf
 from ident.estimate import Estimate, FilterHistory, Outcome
-from ident.filters.ekf import FilterSettings, filter_by_filterpy, filter_by_table, run_ekf
+from ident.filters.ekf import FilterSettings, filter_by_complex_step, filter_by_table, run_ekf
 from ident.filters.problem import FilterProblem, filter_problem
 from ident.filters.transition import Exponential, Taylor
 from sim.declaration.compile import compile_model
@@ -120,7 +120,7 @@ def test_equal_to_filterpy(case: str) -> None:
     make_record, make_system, settings = CASES[case]
     record, system = make_record(), make_system()
     found = run_ekf(record, system, settings, by=by_table)
-    assert_equal(found, run_ekf(record, system, settings, by=filter_by_filterpy))
+    assert_equal(found, run_ekf(record, system, settings, by=filter_by_complex_step))
     assert found.history is not None
     for P in (found.history.covariance, found.history.predicted_covariance):
         np.testing.assert_array_equal(P, P.transpose(0, 2, 1))
@@ -138,7 +138,7 @@ def test_equal_about_a_trajectory(losses: bool, max_step: float) -> None:
     about[:2] = np.random.default_rng(3).normal(0.0, 0.02, (2, len(record)))
     found = filter_by_table(problem, settings, about=about)
     assert found is not None
-    assert_equal(found, filter_by_filterpy(problem, settings, about=about))
+    assert_equal(found, filter_by_complex_step(problem, settings, about=about))
     elsewhere = filter_by_table(problem, settings)
     assert elsewhere is not None and np.max(np.abs(found.values - elsewhere.values) / elsewhere.std) > 0.1, "the trajectory matters"
 
@@ -147,10 +147,10 @@ def test_an_aircraft_that_runs_away_keeps_its_covariance() -> None:
     record = rigid_record(np.random.default_rng(1), 8.0, 100.0, UNSTABLE)
     system = two_outputs(rigid_start(values=UNSTABLE))
     found = run_ekf(record, system, by=by_table)
-    assert_equal(found, run_ekf(record, system, by=filter_by_filterpy))
+    assert_equal(found, run_ekf(record, system, by=filter_by_complex_step))
 
 
-def test_what_has_no_table_goes_by_filterpy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_equations_without_a_table_go_by_complex_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     record, problem_of = rigid_record(np.random.default_rng(1), 2.0, 25.0), filter_problem
     usual = compile_model(rigid_start(), online=True)
     jump = compile_model(held(rigid_start().with_effects(DerivativeJump()), "derivative-jump"), online=True)
@@ -164,15 +164,16 @@ def test_what_has_no_table_goes_by_filterpy(monkeypatch: pytest.MonkeyPatch) -> 
         assert filter_by_table(problem_of(flown, system, np.inf), settings) is None
     calls: list[int] = []
 
-    def counted(*arguments: object, **keywords: object) -> Estimate:
+    def counted(*arguments: object) -> object:
         calls.append(1)
-        return filter_by_filterpy(*arguments, **keywords)  # type: ignore[arg-type]
+        return by_complex_step(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(ekf, "filter_by_filterpy", counted)
+    by_complex_step = ekf._by_complex_step
+    monkeypatch.setattr(ekf, "_by_complex_step", counted)
     for flown, system, settings in others:
         assert run_ekf(flown, system, settings).outcome is Outcome.CONVERGED
     assert len(calls) == len(others)
-    assert run_ekf(record, usual).outcome is Outcome.CONVERGED and len(calls) == len(others), "the usual one does not"
+    assert run_ekf(record, usual).outcome is Outcome.CONVERGED and len(calls) == len(others), "the usual one goes by its table"
 
 
 def test_a_breakdown_is_left_to_filterpy() -> None:
