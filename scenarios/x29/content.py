@@ -156,9 +156,7 @@ def _over_seeds(found: OverSeeds) -> dict[str, Any]:
         "delays": found.delays.tolist(),
         "count": len(found.seeds),
         "parameters": means(found.values),
-        "by_delay": [
-            {"milliseconds": f"{1000.0 * delay:g}", "count": len(rows), "parameters": means(rows)} for delay, rows in found.by_delay()
-        ],
+        "by_delay": [{"milliseconds": f"{1000.0 * delay:g}", "count": len(rows), "parameters": means(rows)} for delay, rows in found.by_delay()],
     }
 
 

@@ -115,9 +115,7 @@ def quantities_of(d: Diagnosis) -> dict[str, Quantity]:
     return {**d.after, **of_effects}
 
 
-def _comparable(
-    model: Model, trained: Trained, estimates: Mapping[str, Quantity], flown: FlownTrace, truth: Truth
-) -> Comparable:
+def _comparable(model: Model, trained: Trained, estimates: Mapping[str, Quantity], flown: FlownTrace, truth: Truth) -> Comparable:
     if has_process_noise(compiled_with(model, trained.effects, trained.outputs)[1]):
         return Comparable(truth.values, basis=TRUE)
     fit = noise_free_fit(model, trained, estimates, flown)
@@ -127,8 +125,9 @@ def _comparable(
     # Two copies of one record tell twice as much as the record.
     std = dict(zip(estimate.names, math.sqrt(2.0) * estimate.std, strict=True))
     values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-    first = fit.theta[layout.columns(0)][len(layout.shared) :]
-    values |= dict(zip(layout.local, first[: len(layout.local)].tolist(), strict=True))
+    # Each copy has its own value of what belongs to one record; their noise is opposite, and cancels in the mean.
+    own = np.mean([fit.theta[layout.columns(r)][len(layout.shared) :] for r in range(2)], axis=0)
+    values |= dict(zip(layout.local, own[: len(layout.local)].tolist(), strict=True))
     true = truth.values
     values |= {name: true[name] for name in true if name in values and _same(values[name], true[name], estimates.get(name))}
     left = tuple(name for name in std if name in estimates and std[name] > OPEN * estimates[name].std)
@@ -141,23 +140,16 @@ def _same(value: float, true: float, estimate: Quantity | None) -> bool:
     return estimate is not None and abs(value - true) <= SAME * estimate.std
 
 
-def noise_free_fit(
-    model: Model, trained: Trained, estimates: Mapping[str, Quantity], flown: FlownTrace
-) -> Fit | None:
+def noise_free_fit(model: Model, trained: Trained, estimates: Mapping[str, Quantity], flown: FlownTrace) -> Fit | None:
     """The fit of a model to both copies of the noise-free training record, from the estimates; None without a minimum."""
     rng = np.random.default_rng(NOISE_SEED)
     clean = flown.noise_free
     noise = [flown.noise_std[channel.name] * rng.standard_normal(len(clean)) for channel in clean.outputs]
-    pair = [
-        with_outputs(clean, [channel.values + sign * row for channel, row in zip(clean.outputs, noise, strict=True)])
-        for sign in (1.0, -1.0)
-    ]
+    pair = [with_outputs(clean, [channel.values + sign * row for channel, row in zip(clean.outputs, noise, strict=True)]) for sign in (1.0, -1.0)]
     return refit(model, trained, pair, held=estimates)
 
 
-def refit(
-    model: Model, trained: Trained, records: Sequence[Record], held: Mapping[str, Quantity] | None = None
-) -> Fit | None:
+def refit(model: Model, trained: Trained, records: Sequence[Record], held: Mapping[str, Quantity] | None = None) -> Fit | None:
     """A trained model fitted to records, from what it was trained to; None where there is no finite cost.
 
     Declared priors count once a record. ``held`` : estimates to which a prior of ``HELD`` sigmas ties what is left open.
@@ -212,9 +204,7 @@ def reasons_for(scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, tr
     return tuple(out)
 
 
-def _of_the_gearing(
-    scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable
-) -> list[str]:
+def _of_the_gearing(scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable) -> list[str]:
     """How much of each difference is the gearing of the stick, by a second noise-free fit to a flight with a straight one."""
     curvature, d = loop_of(scenario).stick.curvature, tracing.diagnosis
     _, straight = fly_loop(scenario, scenario.flight.train, "key flight.train", np.random.default_rng(0), curvature=0.0)
@@ -260,9 +250,7 @@ def slow_states(trained: Trained) -> set[str]:
     return {state.name for effect in slow for state in effect.states}
 
 
-def modes_of(
-    system: System, estimate: Estimate, held: Collection[str] = (), modes: int = 0
-) -> dict[str, tuple[float, float]]:
+def modes_of(system: System, estimate: Estimate, held: Collection[str] = (), modes: int = 0) -> dict[str, tuple[float, float]]:
     """Frequencies and damping ratios of an estimated model, with standard deviations, by name.
 
     Those of ``modal_estimate``; where the aircraft has elastic ``modes`` also those of further oscillations of the model

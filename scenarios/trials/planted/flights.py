@@ -102,9 +102,7 @@ def _declared(scenario: TraceScenario, names: tuple[str, ...]) -> set[str]:
     return {name for name in names if not _mode_of(name)}
 
 
-def _fly(
-    flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: str, *, validation: bool
-) -> tuple[Record, Record]:
+def _fly(flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: str, *, validation: bool) -> tuple[Record, Record]:
     model = with_hidden(true_vehicle(flight), flight.hidden, validation=validation)
     return flown_with_truth(flight, plan, model, rng, name)
 
@@ -114,9 +112,7 @@ def flown_plan(flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.rand
     return flown_with_truth(flight, plan, model, rng, name)[0]
 
 
-def flown_with_truth(
-    flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str
-) -> tuple[Record, Record]:
+def flown_with_truth(flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str) -> tuple[Record, Record]:
     """One record of a flight's plan, and the same record without sensor noise."""
     inputs = {signal.name for signal in model.equations.inputs}
     by_input = maneuvers_by_input(plan.maneuvers, inputs, f"key flight.{name}", resting(model))
@@ -151,7 +147,7 @@ def fly_loop(
     record, truth = fly_closed_loop(aircraft, _stick(plan.maneuvers, where), plan.duration, rng)
     if truth.outcome is not FlightOutcome.COMPLETED:
         raise DeclarationError("the aircraft departs", where=where, remedy="fly smaller maneuvers")
-    return record, with_outputs(record, truth.recorded)
+    return record, with_outputs(record, list(truth.recorded))
 
 
 def loop_of(scenario: TraceScenario) -> X29:
@@ -172,10 +168,7 @@ def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
 def _closed_loop(scenario: TraceScenario, generators: Sequence[np.random.Generator]) -> FlownTrace:
     flight, plain = scenario.flight, loop_of(scenario)
     plans = {"train": flight.train, "validate": flight.validate, "test": flight.test_plan}
-    flown = [
-        fly_loop(scenario, plan, f"key flight.{name}", rng)
-        for (name, plan), rng in zip(plans.items(), generators, strict=True)
-    ]
+    flown = [fly_loop(scenario, plan, f"key flight.{name}", rng) for (name, plan), rng in zip(plans.items(), generators, strict=True)]
     equivalent = equivalent_of(scenario)
     values = {name: float(getattr(equivalent, name)) for name in LOES_NAMES}
     constants = {"airspeed": plain.airframe.airspeed, "gravity": plain.airframe.gravity, "vane_arm": plain.telemetry.vane_arm}

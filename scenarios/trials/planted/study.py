@@ -170,9 +170,7 @@ def _stands_beside(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
     return False
 
 
-def _derivatives(
-    flown: FlownTrace, tracing: Tracing, truth: Truth, found: Comparable, before: Comparable
-) -> tuple[Scored, ...]:
+def _derivatives(flown: FlownTrace, tracing: Tracing, truth: Truth, found: Comparable, before: Comparable) -> tuple[Scored, ...]:
     d = tracing.diagnosis
     return tuple(
         Scored(

@@ -25,7 +25,19 @@ from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
 from sim.errors import DeclarationError
 from tests.integration.command_line import CommandLine
 
-NAMES = ("simulation", "flight", "time-shift", "convergence", "spike", "published", "breakout", "final-peak", "innovations", "reconstruction", "reconstruction-shift")
+NAMES = (
+    "simulation",
+    "flight",
+    "time-shift",
+    "convergence",
+    "spike",
+    "published",
+    "breakout",
+    "final-peak",
+    "innovations",
+    "reconstruction",
+    "reconstruction-shift",
+)
 
 
 @cache
