@@ -162,12 +162,13 @@ def _least(found: Mapping[str, float], asked: str, bar: float) -> Requirement:
 def _outside_the_library(choice: Choice) -> Requirement | None:
     """How far behind the best set of the library's effects alone is, in the criterion; None where no such set was compared."""
     mine = frozenset(choice.best.names)
-    others = [item for item in choice.sets if item.names and not item.guard and frozenset(item.names) != mine]
+    others = [item for item in choice.sets if not item.guard and frozenset(item.names) != mine]
     if not others:
         return None
     nearest = min(others, key=lambda item: item.misfit + item.price + item.declared)
     behind = nearest.misfit + nearest.price + nearest.declared
-    asked = f"the criterion with {' and '.join(nearest.names)} instead of {' and '.join(choice.best.guards)}, above that of the latter,"
+    words = f"with {' and '.join(nearest.names)}" if nearest.names else "of the declared model alone"
+    asked = f"the criterion {words}, above that with {' and '.join(choice.best.guards)}, which is outside the library,"
     return Requirement(asked, behind, thresholds.GUARD_TIE, at_least=False)
 
 

@@ -44,6 +44,7 @@ _NONE: Mapping[str, float] = MappingProxyType({})
 FINER = FitSettings(iterations=120, tolerance=1e-3, coloured=False)
 HELD = 100.0  # sigmas of the estimate: the spread of the prior that only decides what the flight leaves open
 OPEN = 3.0  # sigmas of the estimate, beyond which the noise-free flight does not determine a parameter
+TURBULENCE = "gust-turbulence"
 MOVED = 1.0  # sigma of the estimate, from which a difference is told
 SAME = 0.1  # of a sigma: integration and sampling
 NOISE_SEED = 7  # any draw gives the same sum of squares
@@ -199,9 +200,23 @@ def reasons_for(scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, tr
     others = [name for name in found.open if name not in open_derivatives]
     if others:
         out.append(f"{', '.join(others)}: left open by this flight with or without noise; compared with the nearest value that fits it")
+    out += _of_turbulence(tracing, flown)
     if scenario.flight.vehicle.startswith(CLOSED_LOOP) and found.basis == NOISE_FREE:
         out += _of_the_gearing(scenario, tracing, flown, truth, found)
     return tuple(out)
+
+
+def _of_turbulence(tracing: Tracing, flown: FlownTrace) -> list[str]:
+    """How many scale lengths of hidden turbulence a record holds: so many independent gusts its level is estimated from."""
+    length = flown.hidden.get(TURBULENCE, {}).get("length", 0.0)
+    if not length or "airspeed" not in tracing.model.parameters:
+        return []
+    time = flown.train.time
+    count = tracing.model.parameters["airspeed"].value * float(time[-1] - time[0]) / length
+    return [
+        f"{TURBULENCE}: the true values are those of very long records; this one holds {count:.0f} scale lengths, whose own level and "
+        "length differ from them, and standard deviations shrink with the estimate"
+    ]
 
 
 def _of_the_gearing(scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable) -> list[str]:

@@ -13,6 +13,7 @@ from scenarios.terminal.paragraphs import WIDTH, wrapped
 from scenarios.terminal.quantities import value_text
 from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import Column, columns_of, table_lines
+from scenarios.trials.planted.comparable import TRUE
 from scenarios.trials.planted.hiding import hidden_units
 from scenarios.trials.planted.study import Grade, Scored, TraceStudy
 
@@ -91,7 +92,10 @@ def table_title(study: TraceStudy) -> str:
 
 def comparable_sentences(study: TraceStudy) -> list[str]:
     """Where the comparable values come from, and why they differ from the true ones."""
-    return [f"comparable, what the fitted model should find: {study.basis}", *study.reasons]
+    told = [f"comparable, what the fitted model should find: {study.basis}", *study.reasons]
+    if study.basis == TRUE:
+        told.append("third record: gusts are not known beforehand, so that turbulence does not lower the error of a free simulation")
+    return told
 
 
 def third_headings(study: TraceStudy) -> tuple[str, ...]:
