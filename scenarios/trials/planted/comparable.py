@@ -41,7 +41,7 @@ from sim.maths.elementary import complex_step_jacobian
 from sim.record import Record
 
 _NONE: Mapping[str, float] = MappingProxyType({})
-FINER = FitSettings(iterations=120, tolerance=1e-3, coloured=False)
+FINER = FitSettings(iterations=120, tolerance=3e-3, enough=2e-4, coloured=False)
 HELD = 100.0  # sigmas of the estimate: the spread of the prior that only decides what the flight leaves open
 OPEN = 3.0  # sigmas of the estimate, beyond which the noise-free flight does not determine a parameter
 TURBULENCE = "gust-turbulence"
