@@ -103,6 +103,15 @@ def test_where_the_model_holds_the_truth_the_noise_free_fit_finds_it(name: str) 
     assert found.basis == NOISE_FREE and not found.reasons
 
 
+def test_python_compares_with_the_same_values() -> None:
+    """``sigmas`` of a data frame are those that the command prints."""
+    import flightid as fid
+
+    frame, printed = fid.run("trace-breakout").to_dataframe(), rows(study("trace-breakout"))
+    assert frame.loc["M_delta", "true"] == pytest.approx(printed["M_delta"].comparable, rel=1e-12)
+    assert frame.loc["M_delta", "sigmas"] == pytest.approx(printed["M_delta"].sigmas, abs=1e-6)
+
+
 def test_the_noise_of_both_copies_cancels(monkeypatch: pytest.MonkeyPatch) -> None:
     found = study("trace-breakout")
     first = {row.name: row.comparable for row in (*found.derivatives, *found.effects)}
