@@ -9,9 +9,9 @@ from ident.tracing.belief.together import is_open_form
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.compared_sets import weighed
-from ident.tracing.diagnosis import Caution, Concern, Verdict
+from ident.tracing.diagnosis import Caution, Concern, Requirement, Verdict
 from ident.tracing.found import Found
-from ident.tracing.name_probability import unlikely
+from ident.tracing.name_probability import likely_requirement, unlikely
 from ident.tracing.ranking.choice import Choice
 from ident.tracing.ranking.near_sets import believable_choice
 from ident.tracing.replication.partial import Partial, as_partial, cross_validated
@@ -33,6 +33,7 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
     hints = [replace(claim, claimed=False) for claim in judgement.claims]
     if no_better(found.held.declared, judgement.out):
         # What does not help on data that were not fitted is not even a hint.
+        judgement = replace(judgement, not_met=no_help(found.held, judgement))
         hints = [replace(spike, claimed=False) for spike in found.spikes]
         judgement = replace(judgement, best=found.root, out=found.held.declared)
     judgement = replace(judgement, claims=tuple(hints))
@@ -52,6 +53,16 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
     if standing is None or rough.verdict is Verdict.PARTIAL:
         return ledger, rough
     return judged_again(ledger, found, standing)
+
+
+def no_help(held: HeldOutData, judgement: Judgement) -> tuple[Requirement, ...]:
+    """The requirement on data that were not fitted that a set of effects does not meet, so that it is no hint."""
+    names = tuple(claim.name for claim in judgement.claims if claim.name in judgement.best.names)
+    before, after = held.declared.frozen, judgement.out.frozen
+    if before is None or after is None or not names:
+        return ()
+    asked = f"the rise of the log likelihood of data that were not fitted by {' and '.join(names)}"
+    return (Requirement(asked, before.cost - after.cost, 0.0, at_least=True, effects=names),)
 
 
 def likely_part(ledger: Ledger, found: Found, partial: Partial | None) -> tuple[Ledger, Partial | None]:
@@ -122,7 +133,9 @@ def without_unlikely(problem: TraceProblem, judgement: Judgement) -> Judgement:
         return judgement
     told = f"what fits best is {' and '.join(names)}, but something that is not named is nearly as likely, or more"
     hints = tuple(replace(claim, claimed=False) for claim in judgement.claims)
-    return replace(judgement, verdict=Verdict.UNEXPLAINED, claims=hints, cautions=(Caution(Concern.UNLIKELY, told), *judgement.cautions))
+    asked = likely_requirement(judgement.claims, problem.twins)
+    cautions = (Caution(Concern.UNLIKELY, told, requirement=asked), *judgement.cautions)
+    return replace(judgement, verdict=Verdict.UNEXPLAINED, claims=hints, cautions=cautions)
 
 
 def in_rough_air(ledger: Ledger, found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:

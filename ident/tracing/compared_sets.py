@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
-from ident.tracing.belief.evenness import behind_gaps, is_uneven
+from ident.tracing.belief.evenness import behind_gaps, is_uneven, what_is_uneven, what_lies_behind_gaps
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
 from ident.tracing.ranking.choice import Choice
 from ident.tracing.selection.ledger import Key, Ledger
@@ -23,21 +23,36 @@ def weighed(ledger: Ledger, choice: Choice, held: HeldOutData) -> Choice:
     """The choice with all that it was compared with, what its process noise stands for (``uneven``, ``behind_gaps``), its idle effects and the
     events that bring little."""
     sets, left = sets_compared(ledger, choice), _left_by_causes(ledger, choice.best, held)
-    uneven, idle, slight = bool(left) and is_uneven(left), _idle(ledger, choice, held), _slight(ledger, choice.best)
-    return replace(choice, sets=sets, uneven=uneven, behind_gaps=behind_gaps(left), idle=idle, slight=slight)
+    uneven, gaps = bool(left) and is_uneven(left), behind_gaps(left)
+    return replace(
+        choice,
+        sets=sets,
+        uneven=uneven,
+        behind_gaps=gaps,
+        idle=_idle(ledger, choice, held),
+        slight=_slight(ledger, choice.best),
+        least=_least_of_each(ledger, choice.best),
+        unevenness=what_is_uneven(left) if uneven else None,
+        gap_share=what_lies_behind_gaps(left) if gaps else None,
+    )
 
 
-def _idle(ledger: Ledger, choice: Choice, held: HeldOutData) -> tuple[str, ...]:
-    """Names of effects that all records share and without which a free simulation of data that were not fitted is better.
+def _least_of_each(ledger: Ledger, best: FittedModel) -> float:
+    """The log likelihood that each effect of a set has to bring on data that were not fitted."""
+    return ledger.problem.settings.accept if len(best.foreground) >= thresholds.MANY_CAUSES else 0.0
+
+
+def _idle(ledger: Ledger, choice: Choice, held: HeldOutData) -> dict[str, float]:
+    """Effects that all records share and without which a free simulation of data that were not fitted is better, with what they bring there.
 
     Asked of sets of several: of one alone the verdict asks it. Three causes at once are rare, and three small ones imitate one that the
     library does not have: each of so many has to raise the log likelihood of those data by what a cross-validated one has to.
     """
     best, out = choice.best, choice.out.frozen
     if out is None or len(best.effects) < 2 or best.guards or has_process_noise(best.system):
-        return ()
-    least = ledger.problem.settings.accept if len(best.foreground) >= thresholds.MANY_CAUSES else 0.0
-    found = []
+        return {}
+    least = _least_of_each(ledger, best)
+    found = {}
     for effect in best.foreground:
         rest = tuple(other for other in best.effects if other is not effect)
         if belongs_to_record(effect):
@@ -45,27 +60,29 @@ def _idle(ledger: Ledger, choice: Choice, held: HeldOutData) -> tuple[str, ...]:
         plain = _known_or_fitted(ledger, rest, best)
         frozen = predicted_by(plain, held, informed=False).frozen if plain is not None else None
         if frozen is not None and frozen.cost < out.cost + least:
-            found.append(effect.name)
-    return tuple(found)
+            found[effect.name] = frozen.cost - out.cost
+    return found
 
 
-def _slight(ledger: Ledger, best: FittedModel) -> tuple[str, ...]:
-    """Names of events of one record that bring little of what a set of three causes or more brings in all, what any record may have among them.
+def _slight(ledger: Ledger, best: FittedModel) -> dict[str, float]:
+    """Events of one record that bring little of what a set of three causes or more brings in all, with the share that each brings.
+
+    What any record may have is among the causes.
 
     An event has a place of its own choice and no other record that could deny it: it takes what the others do not get quite right.
     """
     root = ledger.models.get(frozenset())
     if root is None or len(best.effects) < thresholds.MANY_CAUSES or best.guards or has_process_noise(best.system):
-        return ()
-    found = []
+        return {}
+    found, whole = {}, root.fit.cost - best.fit.cost
     for effect in best.foreground:
         if not (is_event(effect) and belongs_to_record(effect)):
             continue
         rest = tuple(other for other in best.effects if other is not effect)
         plain = _known_or_fitted(ledger, rest, best)
-        if plain is not None and plain.fit.cost - best.fit.cost < thresholds.LITTLE * (root.fit.cost - best.fit.cost):
-            found.append(effect.name)
-    return tuple(found)
+        if plain is not None and plain.fit.cost - best.fit.cost < thresholds.LITTLE * whole:
+            found[effect.name] = (plain.fit.cost - best.fit.cost) / whole if whole > 0.0 else 0.0
+    return found
 
 
 def _known_or_fitted(ledger: Ledger, effects: Sequence[Traceable], start: FittedModel) -> FittedModel | None:

@@ -57,12 +57,42 @@ class Concern(Enum):
 
 
 @dataclass(frozen=True)
+class Requirement:
+    """A requirement on a claim that was not met, with its number against the bar.
+
+    Attributes
+    ----------
+    asked : the quantity that is asked about, in words. value : what was found. bar : what is required.
+    at_least : whether the value has to reach the bar; else it must not exceed it. unit : of both.
+    effects : names of the effects that it keeps from being claimed; empty for all of them.
+    """
+
+    asked: str
+    value: float
+    bar: float
+    at_least: bool
+    unit: str = ""
+    effects: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """The quantity, the number found and the number required."""
+        unit = f" {self.unit}" if self.unit not in ("", "1") else ""
+        word = "at least" if self.at_least else "at most"
+        return f"{self.asked} is {self.value:.3g}{unit}, required is {word} {self.bar:.3g}{unit}"
+
+
+@dataclass(frozen=True)
 class Caution:
-    """What speaks against more than the verdict says: its kind, a sentence, and the residual test where one failed."""
+    """What speaks against more than the verdict says: its kind, a sentence, and the residual test where one failed.
+
+    ``requirement`` : what was asked, with its number; None where the sentence has all there is.
+    """
 
     concern: Concern
     sentence: str
     test: ResidualTest | None = None
+    requirement: Requirement | None = None
 
 
 @dataclass(frozen=True)
@@ -101,6 +131,7 @@ class Claim:
     ``derivatives_under`` : the declared parameters with it, and with each alternative in its place, by effect name; empty without any.
     ``probability`` that it acts, each that could take its place, and something else, by name; empty of hints. ``weighed`` : what that rests on.
     ``one_step_gains`` : by how much it raises the log likelihood of one-step predictions of each record that was not fitted, where that decided.
+    ``reasons`` : of a hint, why it is not claimed, a sentence each with the number and the bar.
     """
 
     name: str
@@ -114,6 +145,7 @@ class Claim:
     probability: Mapping[str, float] = field(default_factory=dict)
     weighed: Weighed | None = None
     one_step_gains: tuple[float, ...] = ()
+    reasons: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -212,6 +244,7 @@ class Diagnosis:
     modes_before, modes_after : numbers of the modes from which levels of flying qualities follow, None where there are none.
     stopped : the search, or a stage of it, ended at its means.
     trained_before, trained_after : what another record is predicted with.
+    not_met : requirements that were not met, where something is not claimed or not all is explained.
     inflation : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.
     """
 
@@ -242,6 +275,7 @@ class Diagnosis:
     modes_after: Characteristics | None = None
     trained_before: Trained | None = None
     trained_after: Trained | None = None
+    not_met: tuple[Requirement, ...] = ()
 
     def __repr__(self) -> str:
         named = ", ".join(claim.name for claim in self.effects if claim.claimed) or "no effect claimed"

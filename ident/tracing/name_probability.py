@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.tracing import thresholds
-from ident.tracing.diagnosis import Claim
+from ident.tracing.diagnosis import Claim, Requirement
 from ident.tracing.weighed import Weighed
 
 SOMETHING_ELSE = "something else"
@@ -89,6 +89,16 @@ def unlikely(claims: Sequence[Claim], twins: Mapping[str, Collection[str]]) -> l
     """Names of claims that are, with their alternatives, not likely enough beside something that is not named (``thresholds.LIKELY_BAR``)."""
     told = with_probabilities(claims, twins)
     return [c.name for c in told if c.probability and c.weighed and _named(c) < thresholds.LIKELY_BAR[c.weighed.ground.value]]
+
+
+def likely_requirement(claims: Sequence[Claim], twins: Mapping[str, Collection[str]]) -> Requirement:
+    """The requirement that the least likely of ``unlikely`` claims does not meet."""
+    told = [c for c in with_probabilities(claims, twins) if c.probability and c.weighed]
+    names = unlikely(claims, twins)
+    least = min((c for c in told if c.name in names), key=_named)
+    assert least.weighed is not None
+    asked = f"the probability of {' or '.join((least.name, *least.alternatives))}"
+    return Requirement(asked, _named(least), thresholds.LIKELY_BAR[least.weighed.ground.value], at_least=True, effects=tuple(names))
 
 
 def _named(claim: Claim) -> float:

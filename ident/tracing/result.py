@@ -18,7 +18,7 @@ from ident.statistics.residuals import ResidualTest
 from ident.tracing.belief.form_spread import form_spread
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
+from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Requirement, Verdict
 from ident.tracing.later_record import spike_masks_of
 from ident.tracing.name_probability import with_probabilities
 from ident.tracing.replication.between_records import RecordScatter
@@ -119,7 +119,8 @@ def reported(
         FittedRecord(record, best.system.output_names, root.fit.residuals[r], _in_units(best, r, every_level), problem.masks[r])
         for r, record in enumerate(problem.records)
     )
-    claims = with_probabilities(judgement.claims, problem.twins)
+    not_met = requirements_not_met(judgement)
+    claims = tuple(with_reasons(claim, judgement, not_met) for claim in with_probabilities(judgement.claims, problem.twins))
     return Diagnosis(
         verdict=judgement.verdict,
         effects=tuple(_under_each(ledger, best, _inflated(claim, inflation), under, inflation, spread) for claim in claims),
@@ -147,8 +148,30 @@ def reported(
         scatter=after.scatter.scatter,
         inflation=inflation,
         used_to_choose=held.choosing,
+        not_met=not_met,
         stopped=ledger.stopped or len(best.foreground) >= problem.settings.depth,
     )
+
+
+def requirements_not_met(judgement: Judgement) -> tuple[Requirement, ...]:
+    """Requirements that were not met; of residual tests the one with the smallest p-value, which counts the others."""
+    cautions = [caution for caution in judgement.cautions if caution.requirement is not None]
+    tests = [caution.requirement for caution in cautions if caution.test is not None and caution.requirement is not None]
+    others = [caution.requirement for caution in cautions if caution.test is None and caution.requirement is not None]
+    if tests:
+        worst = min(tests, key=lambda each: each.value)
+        many = f"{len(tests)} of {len(judgement.tests.all)} residual tests fail, and the smallest p-value"
+        tests = [replace(worst, asked=many) if len(tests) > 1 else worst]
+    return (*others, *judgement.not_met, *tests)
+
+
+def with_reasons(claim: Claim, judgement: Judgement, not_met: Sequence[Requirement]) -> Claim:
+    """A hint with the reasons why it is not claimed: what was not met of it or of all, and cautions that have no number."""
+    if claim.claimed:
+        return claim
+    mine = [requirement.sentence for requirement in not_met if not requirement.effects or claim.name in requirement.effects]
+    plain = [caution.sentence for caution in judgement.cautions if caution.requirement is None]
+    return replace(claim, reasons=(*mine, *(plain if not mine else [])))
 
 
 def _shown_masks(problem: TraceProblem, channels: Sequence[str], shown: Sequence[Record], fit: Fit | None) -> list[np.ndarray]:

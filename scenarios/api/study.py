@@ -63,11 +63,11 @@ class Study:
 
     @cached_property
     def true(self) -> dict[str, float]:
-        """True values by name, of those parameters that have one."""
+        """True values by name, of those parameters that have one; what the fitted model should find where that is another."""
         if self.kind == IDENTIFICATION:
             return {row.name: row.reference for row in self.details.main.rows if row.reference is not None}
         if self.kind == "trace":
-            return {row.name: row.true for row in self.details.derivatives}
+            return {row.name: row.comparable for row in self.details.derivatives}
         return {}
 
     @cached_property

@@ -21,6 +21,7 @@ from scenarios.x29.measures import LARGE, Misfit
 from scenarios.x29.paper.content import paper_content
 from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, Result
+from scenarios.x29.variants import OverSeeds
 from sim.closed_loop.linear import Margins
 from sim.vehicles.factory import LOES_DERIVATIVES
 
@@ -135,11 +136,29 @@ def _further(study: LoopStudy) -> dict[str, Any]:
         out["together"] = {name: {**_values(found.estimate), "delay": found.delay} for name, found in study.together.items()}
     if len(study.passes) > 1:
         out["passes"] = [_values(each) for each in study.passes]
+    if study.over_seeds is not None:
+        out["over_seeds"] = _over_seeds(study.over_seeds)
     if study.variants:
         out["variants"] = [
             {"name": v.name, "label": v.label, "delay": v.delay, **_values(v.estimate), "misfit": _misfit(v.misfit)} for v in study.variants
         ]
     return out
+
+
+def _over_seeds(found: OverSeeds) -> dict[str, Any]:
+    """How often each delay is chosen, and means and standard deviations of the parameters over the seeds."""
+
+    def means(rows: np.ndarray) -> dict[str, Any]:
+        spread = rows.std(axis=0, ddof=1) if len(rows) > 1 else np.zeros(rows.shape[1])
+        return {name: {"mean": float(m), "std": float(s)} for name, m, s in zip(found.names, rows.mean(axis=0), spread, strict=True)}
+
+    return {
+        "seeds": list(found.seeds),
+        "delays": found.delays.tolist(),
+        "count": len(found.seeds),
+        "parameters": means(found.values),
+        "by_delay": [{"milliseconds": f"{1000.0 * delay:g}", "count": len(rows), "parameters": means(rows)} for delay, rows in found.by_delay()],
+    }
 
 
 def _engine(study: LoopStudy) -> dict[str, Any]:

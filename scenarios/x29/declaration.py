@@ -55,7 +55,7 @@ class LoopFlight:
 
     Attributes
     ----------
-    airframe : ``"P"``, ``"S"``, ``"F"`` or ``"D"``. duration : s.
+    airframe : ``"P"``, ``"S"``, ``"F"``, ``"D"`` or ``"R"``. duration : s.
     noise : whether the telemetry is noisy.
     dead_band, curvature : of the stick, in and 1/in; None keeps the aircraft's.
     rate_limits : whether the rams have their rate limits.
@@ -146,7 +146,7 @@ class LoopScenario:
     against : what the result is compared with. together : scenarios printed side by side as the paper's Table 3.
     methods : names of ``METHODS`` whose results stand beside the scenario's own. margins : what is varied of the loop's margins.
     variants : see ``Variant``. stretch : an interval (s) whose misfit is told apart from the rest. peak : an interval with a final peak.
-    choices : values that no source gives.
+    choices : values that no source gives. seeds : flights with the seeds 1 to this one that the paper's bank estimates, too; 0 for none.
     findings : what holds or stays open whatever the numbers are, in words, to be read with what is computed from them.
     """
 
@@ -167,3 +167,4 @@ class LoopScenario:
     margins: MarginPlan | None = None
     seed: int = 1
     choices: tuple[Choice, ...] = ()
+    seeds: int = 0

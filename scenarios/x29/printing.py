@@ -242,6 +242,28 @@ def _variants(study: LoopStudy, out: Console) -> None:
     )
 
 
+def _over_seeds(study: LoopStudy, out: Console) -> None:
+    found = study.over_seeds
+    if found is None:
+        return
+    rows = [(f"{delay:.3f}", block) for delay, block in found.by_delay()]
+    rows += [("all", found.values)] if len(rows) > 1 else []
+    columns = [Column("delay, s", [label for label, _ in rows], left=True), Column("flights", [str(len(block)) for _, block in rows])]
+    for name in ("L_alpha", "M_alpha", "M_delta", "L_q", "M_q", "inv_tau"):
+        at = found.names.index(name)
+        columns.append(Column(name, [_mean_cell(block[:, at]) for _, block in rows]))
+    out.print()
+    print_table(out, f"the paper's bank on flights with seeds 1 to {len(found.seeds)}: delay chosen, mean +- standard deviation", columns)
+
+
+def _mean_cell(values: np.ndarray) -> str:
+    """Mean and standard deviation over flights; a single flight has no deviation."""
+    if len(values) < 2:
+        return f"{float(values[0]):.4g}"
+    std = float(values.std(ddof=1))
+    return f"{number(float(values.mean()), std)} +- {number(std, std)}"
+
+
 def _cells(values: Sequence[float]) -> list[str]:
     return [f"{value:.2f}" for value in values]
 
@@ -258,4 +280,5 @@ TABLES: Mapping[str, Callable[[LoopStudy, Console], None]] = {
     "Side by side": _together,
     "Started again": _passes,
     "With changes": _variants,
+    "Over seeds": _over_seeds,
 }

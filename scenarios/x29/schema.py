@@ -42,7 +42,7 @@ class _Spike(_Strict):
 
 
 class _Flight(_Strict):
-    airframe: Literal["P", "S", "F", "D"]
+    airframe: Literal["P", "S", "F", "D", "R"]
     duration: Quantity
     stick: _Stick
     noise: bool = True
@@ -72,7 +72,7 @@ class _Estimate(_Strict):
 class _Margins(_Strict):
     samples: int = Field(ge=0, le=10_000)
     seed: int = Field(default=1, ge=0)
-    beside: Literal["P", "S", "F", "D"] | None = None
+    beside: Literal["P", "S", "F", "D", "R"] | None = None
 
 
 class _Against(_Strict):
@@ -103,6 +103,7 @@ class _Scenario(_Strict):
     stretch: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
     peak: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
     methods: list[str] = []
+    seeds: int = Field(default=0, ge=0, le=1000)
     margins: _Margins | None = None
     findings: str = ""
     own: dict[str, Any] = {}
@@ -135,6 +136,7 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
         _margins(content, where),
         content.seed,
         choices_of(content.own, document, f"{where}, key own"),
+        content.seeds,
     )
 
 

@@ -22,7 +22,7 @@ from scenarios.x29.loop.linear_check import LinearCheck, linear_check
 from scenarios.x29.loop.open_margins import OpenMargins, margins_of, planned_margins
 from scenarios.x29.measures import Misfit, misfit, sensor_noise
 from scenarios.x29.methods import MethodResult, Restarts, Ways, all_restarts, other_side, run_methods
-from scenarios.x29.variants import VariantResult, run_variant
+from scenarios.x29.variants import OverSeeds, VariantResult, run_over_seeds, run_variant
 from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
 from sim.closed_loop.linear import Margins
 from sim.declaration.compile import compile_model
@@ -72,7 +72,8 @@ class LoopStudy:
     them; ``other`` the result compared with; ``together`` plain results of several scenarios by name; ``margins`` by airframe;
     ``engines`` how far another engine's filters are from the batched ones; ``second`` how far filterpy is from the likeliest filter of the
     batched plain bank, None under another engine; ``linear`` the flown loop against the linear one; ``open_margins``
-    what the paper leaves open of the margins, None where the scenario varies nothing.
+    what the paper leaves open of the margins, None where the scenario varies nothing; ``over_seeds`` the paper's bank on flights with
+    other seeds, None where the scenario asks for none.
     """
 
     scenario: LoopScenario
@@ -100,6 +101,7 @@ class LoopStudy:
     linear: LinearCheck | None = None
     open_margins: OpenMargins | None = None
     second: SecondPass | None = None
+    over_seeds: OverSeeds | None = None
 
 
 def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
@@ -172,6 +174,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         None if flown.truth is None or not flown.truth.stick.any() else linear_check(flown.x29, flown.truth),
         planned_margins(scenario.margins, found_margins),
         against_filterpy(paper.record, paper.system, found.bank, found.delays) if paper.engine is BATCHED else None,
+        run_over_seeds(scenario, start, _papers_rule(scenario)),
     )
 
 

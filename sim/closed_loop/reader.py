@@ -51,7 +51,9 @@ _TELEMETRY = {"rate": ("1/s", 1.0), "vane_arm": ("ft", _FOOT), "alpha_noise": ("
 
 
 def load_x29(name: str, path: Path = DATA_FILE) -> X29:
-    """The aircraft ``"P"`` (published), ``"S"`` (simulation-like), ``"F"`` or ``"D"`` (flight-like), in the units of ``sim.closed_loop.airframe``.
+    """The aircraft ``"P"`` (published), ``"S"`` (simulation-like), ``"F"``, ``"D"`` or ``"R"`` (flight-like).
+
+    Numbers are in the units of ``sim.closed_loop.airframe``.
 
     Raises DeclarationError for an airframe that the file lacks, a key that is missing or unknown, and a wrong unit, origin or number.
     """

@@ -8,18 +8,22 @@ from dataclasses import dataclass
 from ident.statistics.contradictions import SIGMAS, THREEFOLD, contradiction
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.diagnosis import Quantity
+from ident.tracing.diagnosis import Quantity, Requirement
 from ident.whole_record.output_error import fit_covariance
 
 
 @dataclass(frozen=True)
 class Wreck:
-    """A derivative that a set of effects ruins: its name, its value with the declared model alone and with the set, what is wrong."""
+    """A derivative that a set of effects ruins: its name, its value with the declared model alone and with the set, what is wrong.
+
+    ``requirement`` : the number against its bar.
+    """
 
     name: str
     before: Quantity
     after: Quantity
     why: str
+    requirement: Requirement | None = None
 
 
 def wrecked(root: FittedModel, best: FittedModel) -> list[Wreck]:
@@ -35,16 +39,24 @@ def wrecked(root: FittedModel, best: FittedModel) -> list[Wreck]:
     for name, value in declared.items():
         if name not in before or name not in after:
             continue
-        lost = after[name].std > max(thresholds.BLURRED * before[name].std, abs(after[name].value), abs(value))
+        known = max(thresholds.BLURRED * before[name].std, abs(after[name].value), abs(value))
+        lost, declared_word = after[name].std > known, f"{name} over the value of the vehicle file, two sigmas nearer to it,"
+        share, two = after[name].value / value, SIGMAS * abs(after[name].std / value)
         if name in far:
-            out.append(Wreck(name, before[name], after[name], f"is far from the {value:.3g} of the vehicle file"))
+            high = share - two > 1.0 + THREEFOLD
+            bar = 1.0 + THREEFOLD if high else 1.0 - THREEFOLD
+            asked = Requirement(declared_word, share - two if high else share + two, bar, at_least=not high)
+            out.append(Wreck(name, before[name], after[name], f"is far from the {value:.3g} of the vehicle file", asked))
         elif contradicts(before[name], value):
             continue
         elif contradicts(after[name], value) and not _nearer(before[name].value - value, after[name].value - value):
             turned = after[name].value * value < 0.0
-            out.append(Wreck(name, before[name], after[name], "turns its sign" if turned else "grows more than threefold"))
+            bar = 0.0 if turned else THREEFOLD
+            asked = Requirement(declared_word, share + two if turned else share - two, bar, at_least=turned)
+            out.append(Wreck(name, before[name], after[name], "turns its sign" if turned else "grows more than threefold", asked))
         elif lost:
-            out.append(Wreck(name, before[name], after[name], "is no longer known"))
+            asked = Requirement(f"the standard deviation of {name}", after[name].std, known, at_least=False, unit=after[name].unit)
+            out.append(Wreck(name, before[name], after[name], "is no longer known", asked))
     return out
 
 

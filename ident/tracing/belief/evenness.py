@@ -11,6 +11,7 @@ import numpy as np
 
 from ident.statistics.rank_correlation import p_value_of_growth
 from ident.tracing import thresholds
+from ident.tracing.diagnosis import Requirement
 from ident.whole_record.gauss_newton import Fit
 
 Seconds = Sequence[tuple[np.ndarray, np.ndarray]]  # of each record: mean square of the motion, and of what is left
@@ -29,6 +30,22 @@ def is_uneven(fits: Sequence[Fit]) -> bool:
 def behind_gaps(fits: Sequence[Fit]) -> bool:
     """Whether most of what is left of a record lies right behind rows that are missing: nobody knows where inputs took the states meanwhile."""
     return any(_share_behind_gaps(fit, r) > thresholds.HALF_OF_IT for fit in fits for r in range(len(fit.lines)))
+
+
+def what_is_uneven(fits: Sequence[Fit]) -> Requirement:
+    """The requirement of rough air that what is left does not meet: no correlation with the motion, or no loud episode."""
+    seconds = seconds_of(fits)
+    chance = chance_that_even(seconds)
+    if chance is not None and chance <= thresholds.EVEN:
+        return Requirement("the p-value of no correlation between residual and motion", chance, thresholds.EVEN, at_least=True)
+    asked = "the share of the residual's power in the loudest fifth of the time"
+    return Requirement(asked, loudest_fifth(seconds), thresholds.EPISODE, at_least=False)
+
+
+def what_lies_behind_gaps(fits: Sequence[Fit]) -> Requirement:
+    """The largest share of what is left of a record that lies right behind missing rows, against its bar."""
+    share = max(_share_behind_gaps(fit, r) for fit in fits for r in range(len(fit.lines)))
+    return Requirement("the share of the residual's power right behind missing rows", share, thresholds.HALF_OF_IT, at_least=False)
 
 
 def _share_behind_gaps(fit: Fit, r: int) -> float:

@@ -13,7 +13,7 @@ from ident.tracing.belief.static_totals import told_totals
 from ident.tracing.belief.together import one_cause
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.quantities import implausible
-from ident.tracing.diagnosis import Caution, Concern, Quantity
+from ident.tracing.diagnosis import Caution, Concern, Quantity, Requirement
 from sim.declaration.effect import full_name
 from sim.declaration.proposal import RESOLVED, Edged, Traceable
 
@@ -110,41 +110,90 @@ def why_not(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedMode
     interval, gap = sampling_interval(fitted), in_a_gap(effect, found, fitted)
     if gap is not None:
         told = f"what fits best is {effect.name} where rows are missing ({gap[0]:g} to {gap[1]:g} s): an input that was not recorded does as much"
-        return Caution(Concern.ROWS_MISSING, told)
+        words, names = f"the interval between samples where {effect.name} begins", (effect.name,)
+        asked = Requirement(words, gap[1] - gap[0], thresholds.GAP * interval, at_least=False, unit="s", effects=names)
+        return Caution(Concern.ROWS_MISSING, told, requirement=asked)
     lost = in_lost_rows(effect, found, fitted)
     if lost > 0.0:
         told = f"what fits best is {effect.name}, but it goes as far as the motion in {lost:.2g} s: rows that the recorder lost do as much"
-        return Caution(Concern.ROWS_MISSING, told)
+        asked = Requirement("the motion that it makes good", lost, thresholds.GAP * interval, at_least=False, unit="s", effects=(effect.name,))
+        return Caution(Concern.ROWS_MISSING, told, requirement=asked)
     lasts = found.get(effect.traits.lasts)
     if lasts is not None and lasts.value < thresholds.SHORTEST_EVENT * interval:
         told = f"what fits best is {effect.name} of {lasts.value:.2g} s, no longer than two samples: the recorder did that, and no force"
-        return Caution(Concern.BEYOND_BELIEF, told)
+        return Caution(Concern.BEYOND_BELIEF, told, requirement=_long_enough(effect, lasts.value, interval))
     if lasts is not None and lasts.value - thresholds.BEYOND_ITS_SCATTER * lasts.std < thresholds.SHORTEST_EVENT * interval:
         told = f"what fits best is {effect.name} of {_number(lasts)}, which may be no longer than two samples: rows that the recorder lost do as much"
-        return Caution(Concern.UNDETERMINED, told)
+        shortest = lasts.value - thresholds.BEYOND_ITS_SCATTER * lasts.std
+        return Caution(Concern.UNDETERMINED, told, requirement=_long_enough(effect, shortest, interval, " less two sigmas"))
     damping = found.get(effect.traits.dies_out)
     if damping is not None and damping.value <= thresholds.BEYOND_ITS_SCATTER * damping.std:
         told = f"what fits best is {effect.name}, which need not die out (damping {_number(damping)}): a load that swings all along does as much"
-        return Caution(Concern.UNDETERMINED, told)
+        sigmas = damping.value / damping.std if damping.std > 0.0 else 0.0
+        words = f"the damping of {effect.name} over its standard deviation"
+        asked = Requirement(words, sigmas, thresholds.BEYOND_ITS_SCATTER, at_least=True, effects=(effect.name,))
+        return Caution(Concern.UNDETERMINED, told, requirement=asked)
     control = with_the_control(effect, found, fitted)
     if control:
         told = f"what fits best is {effect.name}, but it begins and ends with a step of the {control}: that control does it, and nothing from outside"
-        return Caution(Concern.ONE_CAUSE, told)
+        return Caution(Concern.ONE_CAUSE, told, requirement=_apart_from_control(effect, found, fitted, control))
     beyond, open_, fast = implausible(effect, found, slack=0.0), undetermined(effect, found), too_fast(effect, found, interval)
     if beyond or fast:
         words = f"{' and '.join([*beyond, *(name for name in fast if name not in beyond)])} beyond belief"
-        return Caution(Concern.BEYOND_BELIEF, f"what fits best is {effect.name} with {words}: the cause is another")
+        told = f"what fits best is {effect.name} with {words}: the cause is another"
+        return Caution(Concern.BEYOND_BELIEF, told, requirement=_believable(effect, found, beyond, interval))
     if open_:
         told = ", ".join(f"{name} {_number(found[name])}" for name in open_)
-        return Caution(Concern.UNDETERMINED, f"what fits best is {effect.name}, whose numbers the records do not determine ({told})")
+        told = f"what fits best is {effect.name}, whose numbers the records do not determine ({told})"
+        return Caution(Concern.UNDETERMINED, told, requirement=_determined(effect, found, open_[0]))
     return None
+
+
+def _long_enough(effect: Traceable, length: float, interval: float, note: str = "") -> Requirement:
+    """An event has to last longer than two samples."""
+    asked = f"the length of {effect.name}{note}"
+    return Requirement(asked, length, thresholds.SHORTEST_EVENT * interval, at_least=True, unit="s", effects=(effect.name,))
+
+
+def _apart_from_control(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedModel, control: str) -> Requirement:
+    """An event has to begin away from every step of a control."""
+    begin, interval, near = found[effect.traits.onset], sampling_interval(fitted), []
+    for problem in fitted.fit.layout.problems:
+        time, u = problem.record.time, problem.record[control].values
+        moving = time[_moving(u, max(1, round(thresholds.STEP_TAKES / interval)))]
+        near += [float(np.min(np.abs(moving - begin.value)))] if moving.size else []
+    bar = interval * thresholds.AT_A_STEP + thresholds.BEYOND_ITS_SCATTER * begin.std
+    asked = f"the time between the begin of {effect.name} and a step of the {control}"
+    return Requirement(asked, min(near, default=0.0), bar, at_least=True, unit="s", effects=(effect.name,))
+
+
+def _believable(effect: Traceable, found: Mapping[str, Quantity], beyond: Sequence[str], interval: float) -> Requirement:
+    """A parameter has to lie in the range that is believed of it; a frequency below what the sampling resolves."""
+    names = (effect.name,)
+    if not beyond:
+        name = too_fast(effect, found, interval)[0]
+        limit = thresholds.AT_A_BOUND * RESOLVED * math.pi / interval
+        return Requirement(f"the {name} of {effect.name}", found[name].value, limit, at_least=False, unit="rad/s", effects=names)
+    low, high = effect.traits.plausible[beyond[0]]
+    q = found[beyond[0]]
+    short = q.value < low
+    return Requirement(f"the {beyond[0]} of {effect.name}", q.value, low if short else high, at_least=short, unit=q.unit, effects=names)
+
+
+def _determined(effect: Traceable, found: Mapping[str, Quantity], name: str) -> Requirement:
+    """A parameter's standard deviation has to be below its value, or its range where it may have either sign."""
+    low, high = effect.traits.plausible[name]
+    most = abs(found[name].value) if low >= 0.0 else high - low
+    asked = f"the standard deviation of the {name} of {effect.name}"
+    return Requirement(asked, found[name].std, most, at_least=False, unit=found[name].unit, effects=(effect.name,))
 
 
 def why_no_set(root: FittedModel, best: FittedModel) -> list[Caution]:
     """Cautions where a set of effects ruins derivatives that the declared model alone had."""
     wrecks = wrecked(root, best)
     kept = told_totals(best, [wreck.name for wreck in wrecks])
-    out = [Caution(Concern.DERIVATIVES, f"with {' and '.join(best.names)} {_told(wreck)}") for wreck in wrecks]
+    told = f"with {' and '.join(best.names)}"
+    out = [Caution(Concern.DERIVATIVES, f"{told} {_told(wreck)}", requirement=wreck.requirement) for wreck in wrecks]
     return [*out, *([Caution(Concern.DERIVATIVES, f"what does not change with it: {kept}")] if kept else [])]
 
 

@@ -8,7 +8,7 @@ from math import hypot
 
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.diagnosis import Caution, Concern, Quantity
+from ident.tracing.diagnosis import Caution, Concern, Quantity, Requirement
 from sim.declaration.effect import Station
 from sim.declaration.proposal import Traceable
 
@@ -29,7 +29,9 @@ def _at_one_moment(best: FittedModel, found: Found) -> list[Caution]:
         near = max(thresholds.COINCIDENT * span, thresholds.OFF_ABSENCE * hypot(at.std, then.std))
         if abs(at.value - then.value) < near and not may_begin_together(one, other):
             told = f"{one.name} and {other.name} begin at the same moment ({at.value:.3g} s): one occurrence, which neither describes"
-            out.append(Caution(Concern.ONE_CAUSE, told))
+            words = f"the time between the begins of {one.name} and {other.name}"
+            asked = Requirement(words, abs(at.value - then.value), near, at_least=True, unit="s", effects=(one.name, other.name))
+            out.append(Caution(Concern.ONE_CAUSE, told, requirement=asked))
     return out
 
 
@@ -49,7 +51,8 @@ def _of_one_curve(best: FittedModel) -> list[Caution]:
     if not _is_one_curve(best) or len(forces) < 2:
         return []
     told = f"it takes {' and '.join(forces)} together to fit one curve of one output, which does not tell two forces from one of another form"
-    return [Caution(Concern.ONE_CAUSE, told)]
+    asked = Requirement("the number of forces fitted to one curve of one output", len(forces), 1, at_least=False, effects=tuple(forces))
+    return [Caution(Concern.ONE_CAUSE, told, requirement=asked)]
 
 
 def _beside_a_general_form(best: FittedModel) -> list[Caution]:
@@ -63,7 +66,9 @@ def _beside_a_general_form(best: FittedModel) -> list[Caution]:
     if not general or not beside:
         return []
     told = f"{' and '.join(general)} leaves noise only with {' and '.join(beside)} beside it, which may be what the curve misses of the cause"
-    return [Caution(Concern.ONE_CAUSE, told)]
+    words = "the number of other causes beside a curve of any signal"
+    asked = Requirement(words, len(beside), 0, at_least=False, effects=(*general, *beside))
+    return [Caution(Concern.ONE_CAUSE, told, requirement=asked)]
 
 
 def is_open_form(best: FittedModel) -> bool:

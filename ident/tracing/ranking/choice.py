@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.diagnosis import Requirement
 from ident.tracing.equivalents import are_equivalent
 from ident.tracing.selection.ledger import Key
 from ident.tracing.validation.held_out import HeldOut
@@ -20,7 +21,9 @@ class Choice:
     ``totals`` : criterion, ``misfits`` : twice the cost, of each set that was compared, by the names of its effects; with the cost of the
     data that were not fitted where these take part. Empty where nothing was compared. ``sets`` : the same for the probability of names, with
     others that the search passed. ``uneven`` : its process noise stands for what goes with the motion, ``behind_gaps`` for what missing rows
-    leave. ``idle`` : names that predict nothing. ``slight`` : events beside others that bring hardly anything.
+    leave; ``unevenness``, ``gap_share`` : the number of each against its bar. ``idle`` : effects that predict nothing, with the log likelihood
+    that each brings on data that were not fitted, of which ``least`` is asked. ``slight`` : events beside others that bring hardly anything,
+    with their shares.
     """
 
     best: FittedModel
@@ -30,8 +33,11 @@ class Choice:
     sets: tuple[ComparedSet, ...] = ()
     uneven: bool = False
     behind_gaps: bool = False
-    idle: tuple[str, ...] = ()
-    slight: tuple[str, ...] = ()
+    idle: Mapping[str, float] = field(default_factory=dict)
+    slight: Mapping[str, float] = field(default_factory=dict)
+    least: float = 0.0
+    unevenness: Requirement | None = None
+    gap_share: Requirement | None = None
 
 
 def alternatives_of(choice: Choice, guards: frozenset[str]) -> dict[str, tuple[str, ...]]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, Quantity, Step
+from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, Quantity, Requirement, Step
 from scenarios.diagnosis.noise_words import residual_levels
 from scenarios.diagnosis.report.data_words import record_labels
 from scenarios.diagnosis.report.evidence import warnings_of
@@ -66,6 +66,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "steps": [_step(step) for step in d.steps],
         "candidates": [_candidate(candidate) for candidate in d.candidates],
         "warnings": [*tracing.doubts, *tracing.look.set_aside, *warnings_of(tracing), *_undetermined(d)],
+        **({"not_met": [_not_met(requirement) for requirement in d.not_met]} if d.not_met else {}),
         "notes": list(tracing.notes),
         "record": record_content(tracing.look),
         "advice": verdict_advice(tracing),
@@ -106,6 +107,19 @@ def positive(std: float) -> float:
     return float(min(max(std, 1e-300), LARGEST)) if not math.isnan(std) else LARGEST
 
 
+def _not_met(requirement: Requirement) -> dict[str, Any]:
+    """A requirement on a claim that was not met: what was asked, the number found, the number required."""
+    return {
+        "asked": requirement.asked,
+        "value": bounded(requirement.value),
+        "required": bounded(requirement.bar),
+        "at_least": requirement.at_least,
+        "unit": requirement.unit,
+        "effects": list(requirement.effects),
+        "sentence": requirement.sentence,
+    }
+
+
 def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, Any]:
     out: dict[str, Any] = {
         "name": claim.name,
@@ -114,6 +128,7 @@ def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, 
         "sentence": sentence(claim, wording),
     }
     out |= {} if claim.claimed else {"claimed": False}
+    out |= {"reasons": list(claim.reasons)} if claim.reasons else {}
     out |= {"probability": shown_probability(claim)} if claim.probability else {}
     out |= {"one_step_gains": list(claim.one_step_gains)} if claim.one_step_gains else {}
     out |= {"records": list(claim.records)} if claim.records else {}

@@ -77,9 +77,10 @@ def diagnosis_page(tracing: Tracing, warnings: Sequence[str], drawn: Sequence[Dr
 
 
 def _effects(tracing: Tracing) -> tuple[Section, ...]:
-    advice = [Prose(f"{line}.") for line in text.verdict_advice(tracing)]
+    advice = [Prose(f"Not claimed: {reason}.") for reason in text.unclaimed_reasons(tracing.diagnosis)]
+    advice += [Prose(f"{line}.") for line in text.verdict_advice(tracing)]
     cards = tuple(_effect(claim, tracing) for claim in tracing.diagnosis.effects)
-    return section("Effects", *advice, parts=cards) if cards else ()
+    return section("Effects", *advice, parts=cards) if cards or advice else ()
 
 
 def _effect(claim: Claim, tracing: Tracing) -> Section:
@@ -88,6 +89,7 @@ def _effect(claim: Claim, tracing: Tracing) -> Section:
     probability, parameters = probability_sentence(claim), parameter_text(claim, wording)
     blocks += [Prose(f"{probability}.")] if probability else []
     blocks += [Prose(parameters)] if parameters else []
+    blocks += [Prose(f"Not claimed: {reason}.") for reason in claim.reasons]
     blocks += [Prose(f"These data fit as well: {', '.join(claim.alternatives)}.")] if claim.alternatives else []
     explanation = claim.explanation or tracing.explanations.get(claim.name, "")
     blocks += [Fold("What this effect is", (explanation,))] if explanation else []

@@ -196,9 +196,21 @@ def _effect_lines(tracing: Tracing, width: int) -> list[str]:
         lines += wrapped(probability_sentence(claim), width, "    ")
         if claim.parameters:
             lines += wrapped(parameter_text(claim, wording), width, "    ")
+        for reason in claim.reasons:
+            lines += wrapped(f"not claimed: {reason}", width, "    ")
+    for reason in unclaimed_reasons(tracing.diagnosis):
+        lines += wrapped(f"not claimed: {reason}", width)
     for line in verdict_advice(tracing):
         lines += wrapped(line, width)
     return lines
+
+
+def unclaimed_reasons(d: Diagnosis) -> list[str]:
+    """Why nothing is claimed where something is missing and no hint bears the reasons: the requirements with their numbers."""
+    if d.verdict is not Verdict.UNEXPLAINED:
+        return []
+    told = {reason for claim in d.effects for reason in claim.reasons}
+    return [requirement.sentence for requirement in d.not_met if requirement.sentence not in told]
 
 
 def _kinematic_lines(tracing: Tracing, width: int) -> list[str]:

@@ -32,7 +32,7 @@ _LABELS = {
     "named": "hidden effects named, alone or in a group",
     "named_alone": "hidden effects named alone",
     "false_claims": "flights with a claim that nothing true stands behind",
-    "within_two_sigma": "derivatives within two sigmas of the truth",
+    "within_two_sigma": "derivatives within two sigmas of what the fitted model should find",
 }
 
 

@@ -17,7 +17,7 @@ class HiddenTerm:
     """Something that acts and that the declared model lacks.
 
     ``name`` is that of a library effect or, with ``own:``, of a term in `scenarios.trials.hidden`. ``values`` are its local
-    parameters (SI); ``elsewhere`` those that differ in the validation record, as the time of an event does.
+    parameters (SI); ``elsewhere`` those that differ in the other two records, as the time of an event does.
     """
 
     name: str
@@ -43,6 +43,7 @@ class TraceFlight:
         values is ``own``. modes : elastic modes that act.
     rate : 1/s; of a closed loop its telemetry's. step : integration step, s. noise_std : by output; of a closed loop its telemetry's.
     train, validate : the two records. hidden : what acts beyond the vehicle.
+    test : a third record, which takes no part in fitting or in choosing; None flies the maneuvers of ``validate`` once more.
     """
 
     vehicle: str
@@ -54,6 +55,12 @@ class TraceFlight:
     step: float = 0.001
     modes: int = 0
     own: Model | None = None
+    test: RecordPlan | None = None
+
+    @property
+    def test_plan(self) -> RecordPlan:
+        """How the third record is flown."""
+        return self.validate if self.test is None else self.test
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.diagnosis.report.content import bounded, positive, test_content
+from scenarios.diagnosis.report.files import write_prediction
+from scenarios.files.own_models import channel_units
 from scenarios.files.versions import versions
+from scenarios.files.writing import write_record
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.trials.folder import write_trial
 from scenarios.trials.planted.flights import write_flown
@@ -17,8 +20,16 @@ from scenarios.trials.planted.study import Scored, TraceStudy
 
 def write_trace(study: TraceStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last); returns the folder."""
-    given, dressed = partial(write_flown, study.flown), partial(scored_page, study)
+    dressed = partial(scored_page, study)
+    given = partial(_write_records, study)
     return write_trial(study.tracing, given, truth_content(study), trace_comparison(study), folder, figures=figures, dressed=dressed)
+
+
+def _write_records(study: TraceStudy, folder: Path) -> None:
+    """All three records, the vehicle file, and the prediction of the third record, ``before_CHANNEL`` and ``after_CHANNEL``."""
+    write_flown(study.flown, folder)
+    write_record(folder, study.flown.test, "test", simulated=True)
+    write_prediction(folder / "test_prediction.csv", study.test.prediction)
 
 
 def truth_content(study: TraceStudy) -> dict[str, Any]:
@@ -27,6 +38,7 @@ def truth_content(study: TraceStudy) -> dict[str, Any]:
     return {
         "schema": "flightid/truth/1",
         "parameters": {row.name: {"value": row.true, "unit": row.unit} for row in study.derivatives},
+        "modes": {row.name: {"value": row.true, "unit": row.unit} for row in study.modes if row.true is not None},
         "effects": list(flown.hidden),
         "hidden": {name: dict(values) for name, values in flown.hidden.items()},
         "noise_std": dict(flown.noise_std),
@@ -45,7 +57,14 @@ def trace_comparison(study: TraceStudy) -> dict[str, Any]:
     for when, some in (("before", d.before), ("after", d.after)):
         if "delay" in some:
             derived[when]["delay"] = {"estimate": bounded(some["delay"].value), "std": positive(some["delay"].std), "unit": "s"}
-    before = {row.name: {"estimate": row.before.value, "std": positive(row.before.std), **_common(row)} for row in study.derivatives if row.before}
+    for row in study.modes:
+        of_mode = derived["after"].setdefault(row.name, {"estimate": row.after.value, "std": positive(row.after.std), "unit": row.unit})
+        of_mode |= {**_common(row), "error_sigmas": bounded(row.sigmas)}
+    before = {
+        row.name: {"estimate": row.before.value, "std": positive(row.before.std), **_common(row), "comparable": bounded(row.comparable_before)}
+        for row in study.derivatives
+        if row.before and row.comparable_before is not None
+    }
     return {
         "schema": "flightid/comparison/1",
         "scenario": study.scenario.name,
@@ -59,9 +78,26 @@ def trace_comparison(study: TraceStudy) -> dict[str, Any]:
         "outcome_sentence": d.verdict.sentence,
         "expected": {"verdicts": list(study.scenario.expect.verdicts), "effects": [list(names) for names in study.scenario.expect.effects]},
         "grade": study.grade.name.lower(),
+        "comparable": {"basis": study.basis, "reasons": list(study.reasons)},
+        "third_record": _third(study),
         "residual_tests": [test_content(test) for test in d.tests_after],
         "methods": {"declared-model": {"parameters": before, "derived": derived["before"]}},
         "versions": versions(),
+    }
+
+
+def _third(study: TraceStudy) -> dict[str, Any]:
+    """Errors before and after on the record that took no part in fitting or in choosing effects, in the channels' units."""
+    found, units = study.test, channel_units(study.tracing.model)
+    return {
+        "record": "test.csv",
+        "used_in_fit": False,
+        "used_to_choose": False,
+        "unit": {name: units.get(name, "") for name in found.prediction.channels},
+        "before": {"rmse": dict(found.before.rmse)},
+        "after": {"rmse": {name: bounded(value) for name, value in found.after.rmse.items()}},
+        "noise_std": {name: value for name, value in study.flown.noise_std.items() if name in found.prediction.channels},
+        "finite": found.finite,
     }
 
 
@@ -70,4 +106,10 @@ def _after(row: Scored) -> dict[str, Any]:
 
 
 def _common(row: Scored) -> dict[str, Any]:
-    return {"true": row.true, "unit": row.unit}
+    return {
+        **({"true": row.true} if row.true is not None else {}),
+        "comparable": bounded(row.comparable),
+        **({"condensed": row.condensed} if row.condensed is not None else {}),
+        **({"open": True} if row.open else {}),
+        "unit": row.unit,
+    }

@@ -1,10 +1,10 @@
-"""From a tracing scenario to its two records, its vehicle file, and the truth that only the scoring opens."""
+"""From a tracing scenario to its records, its vehicle file, and the truth that only the scoring opens."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +13,13 @@ from scenarios.studies.declaration import ManeuverPlan
 from scenarios.studies.flying import held_alike, maneuvers_by_input, resting
 from scenarios.trials.planted.declaration import RecordPlan, TraceFlight, TraceScenario
 from scenarios.trials.planted.hiding import CLOSED_LOOP, true_vehicle, with_breakout, with_hidden
+from sim.closed_loop.airframe import X29
+from sim.closed_loop.equivalent import EquivalentSystem
 from sim.declaration.model import Model
 from sim.declaration.parameters import Parameter
 from sim.errors import DeclarationError
 from sim.maneuvers.steps import Sum
-from sim.record import Record
+from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import FAMILIES, LOES_CONSTANTS, MODE_CONSTANTS, RIGID_CONSTANTS
 
@@ -32,11 +34,12 @@ LOES_NAMES = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau
 
 @dataclass(frozen=True, eq=False)
 class FlownTrace:
-    """Both records of a tracing scenario with their truth.
+    """The records of a tracing scenario with their truth.
 
     ``derivatives`` are the true values (SI) of what the declared model estimates; of a closed loop those of the equivalent system
     that its linear frequency response has. ``hidden`` the true parameters of each hidden term in the training record.
     ``vehicle_file`` is the text of the file that the loop is given.
+    ``test`` is the third record, which the loop never sees. ``noise_free`` is the training record without sensor noise.
     """
 
     train: Record
@@ -46,24 +49,37 @@ class FlownTrace:
     noise_std: Mapping[str, float]
     step: float
     vehicle_file: str
+    test: Record
+    noise_free: Record
 
 
 def fly_trace(scenario: TraceScenario, seed: int) -> FlownTrace:
-    """Fly both records of a scenario, each with noise of its own; the same seed gives the same bytes.
+    """Fly the records of a scenario, each with noise of its own; the same seed gives the same bytes.
 
     Raises
     ------
     DeclarationError : a maneuver or a hidden term lacks a number, or moves an input that is not there.
     """
-    first, second = np.random.default_rng(seed).spawn(2)
+    first, second, third = np.random.default_rng(seed).spawn(3)
     if scenario.flight.vehicle.startswith(CLOSED_LOOP):
-        return _closed_loop(scenario, (first, second))
+        return _closed_loop(scenario, (first, second, third))
     flight, vehicle = scenario.flight, true_vehicle(scenario.flight)
-    train = _fly(flight, flight.train, first, "train", validation=False)
-    validate = _fly(flight, flight.validate, second, "validate", validation=True)
+    train, noise_free = _fly(flight, flight.train, first, "train", validation=False)
+    validate, _ = _fly(flight, flight.validate, second, "validate", validation=True)
+    test, _ = _fly(flight, flight.test_plan, third, "test", validation=True)
     hidden = {term.name: dict(term.values) for term in flight.hidden}
     text = started_file(scenario, vehicle)
-    return FlownTrace(train, validate, _derivatives(scenario, vehicle), hidden, dict(flight.noise_std), flight.step, text)
+    return FlownTrace(
+        train,
+        validate,
+        _derivatives(scenario, vehicle),
+        hidden,
+        dict(flight.noise_std),
+        flight.step,
+        text,
+        test,
+        noise_free,
+    )
 
 
 def started_file(scenario: TraceScenario, vehicle: Model) -> str:
@@ -86,41 +102,81 @@ def _declared(scenario: TraceScenario, names: tuple[str, ...]) -> set[str]:
     return {name for name in names if not _mode_of(name)}
 
 
-def _fly(flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: str, *, validation: bool) -> Record:
-    return flown_plan(flight, plan, with_hidden(true_vehicle(flight), flight.hidden, validation=validation), rng, name)
+def _fly(flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: str, *, validation: bool) -> tuple[Record, Record]:
+    model = with_hidden(true_vehicle(flight), flight.hidden, validation=validation)
+    return flown_with_truth(flight, plan, model, rng, name)
 
 
 def flown_plan(flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str) -> Record:
     """One record of a flight's plan, flown by a model, whose noise is in it."""
+    return flown_with_truth(flight, plan, model, rng, name)[0]
+
+
+def flown_with_truth(flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str) -> tuple[Record, Record]:
+    """One record of a flight's plan, and the same record without sensor noise."""
     inputs = {signal.name for signal in model.equations.inputs}
     by_input = maneuvers_by_input(plan.maneuvers, inputs, f"key flight.{name}", resting(model))
     outputs = [signal.name for signal in model.equations.outputs if signal.name in flight.noise_std]
     time = sample_times(flight.rate, plan.duration)
     if flight.own is not None:
         by_input = held_alike(by_input, plan.maneuvers, time)
-    record, _ = fly(model, by_input, time, rng, step=min(flight.step, 1.0 / flight.rate), outputs=outputs, name=name)
-    return record
+    record, truth = fly(model, by_input, time, rng, step=min(flight.step, 1.0 / flight.rate), outputs=outputs, name=name)
+    return record, with_outputs(record, [truth.outputs[channel.name] for channel in record.outputs])
 
 
-def _closed_loop(scenario: TraceScenario, generators: tuple[np.random.Generator, np.random.Generator]) -> FlownTrace:
-    from sim.closed_loop.equivalent import equivalent_system
+def with_outputs(record: Record, rows: Sequence[np.ndarray]) -> Record:
+    """A record with other values ``(N,)`` of each output, all of them there."""
+    outputs = zip(record.outputs, rows, strict=True)
+    return replace(record, outputs=tuple(Channel.of(channel.name, channel.unit, row) for channel, row in outputs))
+
+
+def fly_loop(
+    scenario: TraceScenario, plan: RecordPlan, where: str, rng: np.random.Generator, curvature: float | None = None
+) -> tuple[Record, Record]:
+    """One record of a closed loop, and the same record without sensor noise; ``curvature`` of its gearing in place of its own.
+
+    Raises
+    ------
+    DeclarationError : the aircraft departs.
+    """
     from sim.closed_loop.nonlinear import FlightOutcome, fly_closed_loop
+
+    aircraft = with_breakout(loop_of(scenario), scenario.flight.hidden)
+    if curvature is not None:
+        aircraft = replace(aircraft, stick=replace(aircraft.stick, curvature=curvature))
+    record, truth = fly_closed_loop(aircraft, _stick(plan.maneuvers, where), plan.duration, rng)
+    if truth.outcome is not FlightOutcome.COMPLETED:
+        raise DeclarationError("the aircraft departs", where=where, remedy="fly smaller maneuvers")
+    return record, with_outputs(record, list(truth.recorded))
+
+
+def loop_of(scenario: TraceScenario) -> X29:
+    """The closed loop that a scenario flies, without the hidden break-out."""
     from sim.closed_loop.reader import load_x29
 
-    flight = scenario.flight
-    plain = load_x29(flight.vehicle.removeprefix(CLOSED_LOOP))
-    aircraft, records = with_breakout(plain, flight.hidden), []
-    for name, plan, rng in zip(("train", "validate"), (flight.train, flight.validate), generators, strict=True):
-        record, truth = fly_closed_loop(aircraft, _stick(plan.maneuvers, f"key flight.{name}"), plan.duration, rng)
-        if truth.outcome is not FlightOutcome.COMPLETED:
-            raise DeclarationError("the aircraft departs", where=f"key flight.{name}", remedy="fly smaller maneuvers")
-        records.append(record)
-    equivalent = equivalent_system(plain)
+    return load_x29(scenario.flight.vehicle.removeprefix(CLOSED_LOOP))
+
+
+def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
+    """The equivalent system of the linear loop, with the airframe's own L_q: no loop changes the lift equation."""
+    from sim.closed_loop.equivalent import equivalent_system
+
+    plain = loop_of(scenario)
+    return equivalent_system(plain, L_q=plain.airframe.L_q)
+
+
+def _closed_loop(scenario: TraceScenario, generators: Sequence[np.random.Generator]) -> FlownTrace:
+    flight, plain = scenario.flight, loop_of(scenario)
+    plans = {"train": flight.train, "validate": flight.validate, "test": flight.test_plan}
+    flown = [fly_loop(scenario, plan, f"key flight.{name}", rng) for (name, plan), rng in zip(plans.items(), generators, strict=True)]
+    equivalent = equivalent_of(scenario)
     values = {name: float(getattr(equivalent, name)) for name in LOES_NAMES}
     constants = {"airspeed": plain.airframe.airspeed, "gravity": plain.airframe.gravity, "vane_arm": plain.telemetry.vane_arm}
     noise = {"alpha": plain.telemetry.alpha_noise, "q": plain.telemetry.q_noise, "nz": plain.telemetry.nz_noise}
     hidden = {term.name: dict(term.values) for term in flight.hidden}
-    return FlownTrace(records[0], records[1], values, hidden, noise, plain.frame, _vehicle_text(scenario, constants, values))
+    (train, noise_free), (validate, _), (test, _) = flown
+    text = _vehicle_text(scenario, constants, values)
+    return FlownTrace(train, validate, values, hidden, noise, plain.frame, text, test, noise_free)
 
 
 def _stick(plans: tuple[ManeuverPlan, ...], where: str) -> Sum:
@@ -185,7 +241,7 @@ def _mode_of(name: str) -> int:
 
 
 def write_flown(flown: FlownTrace, folder: Path) -> tuple[Path, Path, Path]:
-    """Training record, validation record and vehicle file in a folder: all that the loop is told."""
+    """Training record, validation record and vehicle file in a folder: all that the loop is given."""
     from scenarios.files.writing import write_record
 
     train, _ = write_record(folder, flown.train, "train", simulated=True)

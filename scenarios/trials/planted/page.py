@@ -15,7 +15,19 @@ from scenarios.trials.planted.campaign import TraceJudged, marks_of, trace_share
 from scenarios.trials.planted.campaign_text import SHARES, VERDICTS, expected_line, false_lines, share_rows, verdict_rows
 from scenarios.trials.planted.declaration import TraceScenario
 from scenarios.trials.planted.study import TraceStudy
-from scenarios.trials.planted.text import EFFECTS, against_truth, effect_rows, scored_sentence, table_title
+from scenarios.trials.planted.text import (
+    EFFECTS,
+    MODES,
+    THIRD_TITLE,
+    against_truth,
+    comparable_sentences,
+    effect_rows,
+    mode_rows,
+    scored_sentence,
+    table_title,
+    third_headings,
+    third_rows,
+)
 from scenarios.trials.repeated import Flown
 
 
@@ -27,6 +39,9 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
         "Against the truth",
         columns_table(capital(table_title(study)), against_truth(study)),
         rows_table("Parameters of the effects", EFFECTS, effect_rows(study)),
+        rows_table("Frequencies and damping ratios of the whole aircraft", MODES, mode_rows(study)),
+        *(Prose(sentence(capital(told))) for told in comparable_sentences(study)),
+        rows_table(capital(THIRD_TITLE), third_headings(study), third_rows(study)),
         Prose(f"Truth and model: {scenario.distance}.", "note"),
     )
     again = reproduction(("flightid", "run", scenario.name, "--seed", str(study.seed)), f"Seed {study.seed}.", page.reproduction.inputs)

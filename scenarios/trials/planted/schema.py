@@ -43,6 +43,7 @@ class _Flight(_Strict):
     noise_variance: dict[str, str] = {}
     train: _Record
     validate_: _Record = Field(alias="validate")
+    test: _Record | None = None
 
 
 class _Hidden(_Strict):
@@ -112,6 +113,7 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
             positive(si(flight.step, "s", f"{place}.step"), f"{place}.step"),
             flight.modes,
             own,
+            None if flight.test is None else _record(flight.test, f"{place}.test", model),
         ),
         content.estimate.model,
         Expectation(tuple(content.expect.verdicts), tuple(tuple(sorted(names)) for names in content.expect.effects)),

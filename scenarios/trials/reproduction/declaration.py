@@ -33,7 +33,7 @@ class Values(_Strict):
     ``path``: where the study has ``{name}``. ``reference``: what both are also held against. ``turned``: whether the signs of ``Paper.turned`` apply.
     ``unit``: of the page, ours are converted; ``own_unit``: of ours where the study tells none. ``zero``: quantities that are zero in print
     and in ours, one row together. ``note``: what holds for all rows. ``why``: of rows beyond two sigmas, and of all that are not compared in
-    sigmas; ``within``: of the others; ``reasons``: of one row.
+    sigmas; ``within``: of the others; ``found``: in place of both where ours is within two sigmas of the reference; ``reasons``: of one row.
     """
 
     label: Text
@@ -50,6 +50,7 @@ class Values(_Strict):
     turned: bool = True
     compare: Literal["sigmas", "ratio", "difference", "none"] = "sigmas"
     within: Text = "within two sigmas"
+    found: str = ""
     why: str = ""
     reasons: dict[str, Text] = {}
 

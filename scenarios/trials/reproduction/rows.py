@@ -11,8 +11,8 @@ from scenarios.trials.reproduction.declaration import Paper, Part, Printed, Valu
 from scenarios.trials.reproduction.lookups import Found, Numbers
 from sim.errors import DeclarationError
 
-# What the low-order fit to a loop's own frequency response finds; L_q is held in it.
-LOOP = ("L_alpha", "M_alpha", "L_delta", "M_delta", "M_q", "inv_tau", "natural_frequency", "damping_ratio", "delay")
+# What the low-order fit to a loop's own frequency response has; L_q is held in it at the value that is flown.
+LOOP = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "natural_frequency", "damping_ratio", "delay")
 SAME = 1e-4  # relative: what units and the digits that are kept leave
 CLOSE = 2.0  # sigmas beyond which a row says why
 
@@ -70,7 +70,7 @@ def _row(paper: Paper, part: Part, group: Values, name: str, printed: Printed, n
         _text(ours),
         _difference(group, printed, ours, sigmas),
         "none" if reference is None else _off(printed, ours, reference.value),
-        _why(group, name, sigmas, where),
+        _why(group, name, sigmas, reference is not None and _near(ours, reference.value), where),
         sigmas,
     )
 
@@ -79,7 +79,7 @@ def _reference(group: Values, name: str, sign: float, numbers: Numbers) -> Found
     """What both numbers are held against, None where the group or the quantity has nothing."""
     if group.reference == "loop_equivalent":
         study = group.study.partition("/")[0]
-        return _shown(numbers(f"{study}: frequency_response.loop.{name}"), group, sign) if name in LOOP else None
+        return _shown(numbers(f"{study}: frequency_response.loop_with_flown_L_q.{name}"), group, sign) if name in LOOP else None
     return _shown(numbers(f"{group.study}: {name}.{group.reference}"), group, sign) if group.reference else None
 
 
@@ -146,10 +146,16 @@ def _true(part: Part, group: Values, name: str, numbers: Numbers, where: str) ->
     return digits(printed) if same else f"{digits(printed)}, flown {flown:.4g}"
 
 
-def _why(group: Values, name: str, sigmas: float | None, where: str) -> str:
+def _near(ours: Found, reference: float) -> bool:
+    """Whether ours is within two of its sigmas of the reference."""
+    return bool(ours.std) and abs(ours.value - reference) <= CLOSE * (ours.std or 0.0)
+
+
+def _why(group: Values, name: str, sigmas: float | None, found: bool, where: str) -> str:
+    """The reason of a row; that the reference is ``found`` is one only where the numbers of the row say so."""
     reason = group.reasons.get(name, "")
     close = sigmas is not None and abs(sigmas) <= CLOSE
-    why = reason or (group.within if close else group.why)
+    why = group.within if close and not reason else group.found if found and group.found else reason or group.why
     if not why:
         raise DeclarationError(f"{sigmas:+.1f} sigmas and no reason" if sigmas is not None else "no reason", where=where, remedy="say why")
     return why

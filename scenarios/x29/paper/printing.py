@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from rich.console import Console
 
@@ -12,7 +14,7 @@ from scenarios.x29.measures import LARGE
 from scenarios.x29.methods import MethodResult
 from scenarios.x29.paper.content import beside, noted_pairs
 from scenarios.x29.paper.sentences import COMPARED, off, own_method
-from scenarios.x29.published import has_table, printed_column, printed_correlation
+from scenarios.x29.published import Printed, has_table, printed_column, printed_correlation
 from scenarios.x29.study import LoopStudy
 
 TITLES = {"simulation": "Table 1", "flight": "Table 2"}
@@ -81,13 +83,18 @@ def _methods(study: LoopStudy, column: str, out: Console) -> None:
         Column("method", [*(m.label for m in found), "published"], left=True),
         Column("delay", [*(f"{m.delay:.4f}" for m in found), ""]),
         *(Column(n, [*(number(m.values[n], m.std[n]) for m in found), f"{printed[n].value:g}"]) for n in names),
-        Column("rad/s", [*(f"{m.frequency:.2f}" for m in found), f"{printed['natural_frequency'].value:.2f}"]),
-        Column("damping", [*(f"{m.damping:.3f}" for m in found), f"{printed['damping_ratio'].value:.3f}"]),
+        Column("rad/s", [*(f"{m.frequency:.2f}" for m in found), _printed_cell(printed, "natural_frequency", ".2f")]),
+        Column("damping", [*(f"{m.damping:.3f}" for m in found), _printed_cell(printed, "damping_ratio", ".3f")]),
         Column("off, %", [*(f"{100.0 * off(m, column):.0f}" for m in found), ""]),
     ]
     out.print()
     print_table(out, "methods by name", columns)
     print_paragraph(out, f"off: root mean square of the relative differences of {', '.join(COMPARED)} from the published ones")
+
+
+def _printed_cell(printed: Mapping[str, Printed], name: str, form: str) -> str:
+    """A printed number, or a dash: the paper prints no frequency and no damping ratio of its Table 3."""
+    return format(printed[name].value, form) if name in printed else "-"
 
 
 def _restarts(study: LoopStudy, out: Console) -> None:

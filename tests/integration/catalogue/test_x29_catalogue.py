@@ -18,19 +18,32 @@ from scenarios.x29.files import write_loop
 from scenarios.x29.findings import bias_rows, not_identifiable, sentences
 from scenarios.x29.flying import fly_loop
 from scenarios.x29.published import printed_column
-from scenarios.x29.study import LoopStudy, loop_scenario, response_check, run_loop
+from scenarios.x29.study import LoopStudy, loop_scenario, response_check, run_loop, starting_values
+from scenarios.x29.variants import run_over_seeds
 from scenarios.x29.verdicts import HALF_FRAME, verdicts
 from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
 from sim.errors import DeclarationError
 from tests.integration.command_line import CommandLine
 
-NAMES = ("simulation", "flight", "time-shift", "convergence", "spike", "published", "breakout", "final-peak", "innovations")
+NAMES = (
+    "simulation",
+    "flight",
+    "time-shift",
+    "convergence",
+    "spike",
+    "published",
+    "breakout",
+    "final-peak",
+    "innovations",
+    "reconstruction",
+    "reconstruction-shift",
+)
 
 
 @cache
 def study(name: str) -> LoopStudy:
     # The study of the margins is that of tests/unit/scenarios/x29, the methods are those of test_x29_paper.py.
-    return run_loop(loop_scenario(name, ["margins.samples=0", "methods=[]"] if name == "x29-flight" else []))
+    return run_loop(loop_scenario(name, ["margins.samples=0", "methods=[]", "seeds=0"] if name == "x29-flight" else []))
 
 
 def moved(name: str) -> dict[str, float]:
@@ -39,6 +52,23 @@ def moved(name: str) -> dict[str, float]:
 
 def test_the_catalogue_is_complete() -> None:
     assert set(scenario_names("x29")) == {f"x29-{name}" for name in NAMES}
+
+
+def test_the_bank_takes_the_delay_of_its_grid_and_wavers_between_two() -> None:
+    """Over 14 seeds: F's 0.146 s lies between two of the bank's delays, R's 0.075 s is one of them."""
+    quick = ["methods=[]", "seeds=0", "margins.samples=0"]
+    chosen = {}
+    for name in ("x29-flight", "x29-reconstruction"):
+        scenario = replace(loop_scenario(name, quick[:2] + (quick[2:] if name == "x29-flight" else [])), seeds=14)
+        found = run_over_seeds(scenario, starting_values(scenario), "printed")
+        assert found is not None and len(found.delays) == 14
+        chosen[name] = {delay: len(rows) for delay, rows in found.by_delay()}
+        assert sum(chosen[name].values()) == 14
+        if name == "x29-flight":
+            assert found.delays[loop_scenario(name).seed - 1] == 0.125, "the default seed is one of the three"
+    assert chosen["x29-flight"] == {0.15: 11, 0.125: 3}
+    assert chosen["x29-reconstruction"] == {0.075: 14}
+    assert run_over_seeds(loop_scenario("x29-flight", quick), {}, "printed") is None
 
 
 @pytest.mark.parametrize("name", [f"x29-{name}" for name in NAMES])

@@ -154,7 +154,7 @@ def test_an_effect_without_which_other_data_are_predicted_better_is_idle_and_wha
         other = planted(effects, late | {"vane-offset.arm": arm}, 2)
         held = HeldOutData([other], measured_masks([other], OUTPUTS), held_out(root, [other], None), choosing=True)
         choice = weighed(ledger, Choice(best, held_out(best, [other], held.masks)), held)
-        assert choice.idle == idle
+        assert tuple(choice.idle) == idle
         if idle:
             verdict, cautions = verdict_on(problem, root, choice, [], ResidualTests(()), held)
             assert verdict is Verdict.UNEXPLAINED and [caution.concern for caution in cautions] == [Concern.NO_IMPROVEMENT]
@@ -174,7 +174,7 @@ def test_of_three_causes_each_has_to_show_on_data_that_were_not_fitted() -> None
         records = [planted(effects, known, 2)]
         held = HeldOutData(records, measured_masks(records, OUTPUTS), held_out(root, records, None), choosing=True)
         choice = weighed(ledger, Choice(best, held_out(best, records, held.masks)), held)
-        assert choice.idle == idle
+        assert tuple(choice.idle) == idle
         if idle:
             verdict, cautions = verdict_on(problem, root, choice, [], ResidualTests(()), held)
             assert verdict is Verdict.UNEXPLAINED and "of three causes or more each has to show there" in cautions[0].sentence
@@ -196,7 +196,7 @@ def test_of_three_causes_an_event_that_brings_little_beside_the_others_is_none()
         best = fit_of(problem, effects, root, known)
         ledger = Ledger(problem).kept(root, root.criterion).kept(best, best.criterion)
         choice = weighed(ledger, Choice(best, HeldOut(None, None)), HeldOutData())
-        assert choice.slight == slight
+        assert tuple(choice.slight) == slight
         if slight:
             verdict, cautions = verdict_on(problem, root, choice, [], ResidualTests(()), HeldOutData())
             assert verdict is Verdict.UNEXPLAINED and [caution.concern for caution in cautions] == [Concern.ONE_CAUSE]

@@ -35,6 +35,17 @@ def test_equivalents_are_those_of_the_reference(name: str) -> None:
     assert found.mismatch < 0.1
 
 
+def test_the_reconstruction_has_the_delay_and_the_lag_that_table_2_leaves() -> None:
+    """0.1435 s, which the paper calls the delay, less its lag of 1/14.6 s; the other numbers are those that Table 2 prints."""
+    x29 = load_x29("R")
+    found = equivalent_system(x29, L_q=x29.airframe.L_q)
+    assert found.outcome is FitOutcome.CONVERGED and found.mismatch < 0.01
+    assert found.delay == pytest.approx(0.1435 - 1.0 / 14.6, abs=3e-4)
+    printed = {"L_alpha": (-2.10, 0.0085), "M_alpha": (-8.95, 0.16), "M_delta": (0.367, 0.007), "M_q": (-6.19, 0.14), "inv_tau": (14.6, 0.3)}
+    for name, (value, sigma) in printed.items():
+        assert getattr(found, name) == pytest.approx(value, abs=0.5 * sigma), name
+
+
 def test_recorded_skew_counts_as_delay() -> None:
     from dataclasses import replace
 

@@ -27,7 +27,7 @@ STUDY = {
     "derived": {"omega": {"estimate": 3.0, "std": 0.1, "unit": "rad/s"}},
     "correlation": {"names": ["a", "b"], "matrix": [[1.0, -0.9], [-0.9, 1.0]]},
     "variants": [{"name": "x", "misfit": {"q": 7.0}}, {"name": "y", "misfit": {"q": 8.0}}],
-    "frequency_response": {"loop": {"M_q": -3.0}},
+    "frequency_response": {"loop_with_flown_L_q": {"M_q": -3.0, "L_q": 1.8}},
     "plain": {"parameters": {"a": {"estimate": 2.5, "std": 0.4}}},
     "methods": {"other": {"parameters": {"a": {"estimate": 1.6, "std": 0.2, "unit": "rad"}}, "correlation": {"a": {"b": 0.25}}}},
 }
@@ -142,7 +142,16 @@ def test_distance_from_the_reference_is_in_the_sigmas_of_each(numbers: Numbers) 
     found = row(numbers, printed={"a": "2.0 +- 0.1"}, true={"a": "1.5"}, reference="true")
     assert (found.true, found.off) == ("1.5", "+5.0; +1.7")
     assert row(numbers, printed={"M_q": "1.9"}, path="a", reference="loop_equivalent", why="w").off == "no sigma; +16.7"
-    assert row(numbers, printed={"L_q": "1.9"}, path="a", reference="loop_equivalent", why="w").reference == "none"  # held in the loop's equivalent
+    assert row(numbers, printed={"L_q": "1.9"}, path="a", reference="loop_equivalent", why="w").reference == "1.8"  # as it is flown
+    assert row(numbers, printed={"L_0": "1.9"}, path="a", reference="loop_equivalent", why="w").reference == "none"
+
+
+def test_that_the_reference_is_found_is_a_reason_only_where_the_row_shows_it(numbers: Numbers) -> None:
+    keys: dict[str, Any] = {"printed": {"a": "5.0 +- 0.1"}, "true": {"a": "1.5"}, "reference": "true", "found": "found", "why": "not explained"}
+    assert row(numbers, **keys).why == "found"  # 1.7 sigmas from its own truth
+    assert row(numbers, **{**keys, "reasons": {"a": "another"}}).why == "found"
+    far: dict[str, Any] = {"printed": {"M_q": "9.0"}, "path": "a", "reference": "loop_equivalent", "found": "found", "why": "not explained"}
+    assert row(numbers, **far).why == "not explained"  # 16.7 sigmas from it
 
 
 @pytest.mark.parametrize(
