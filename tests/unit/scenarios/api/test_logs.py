@@ -16,7 +16,10 @@ pytest.importorskip("pyulog")
 def test_a_log_with_a_map_is_a_record(tmp_path: Path) -> None:
     columns = flight()
     log = px4(tmp_path / "uav.ulg", columns)
-    chosen = {"elevator": ("30 * 0.5*(actuator_servos.control[0] + actuator_servos.control[1])", "deg"), "q": "vehicle_angular_velocity.xyz[1]"}
+    chosen: dict[str, str | tuple[str, str]] = {
+        "elevator": ("30 * 0.5*(actuator_servos.control[0] + actuator_servos.control[1])", "deg"),
+        "q": "vehicle_angular_velocity.xyz[1]",
+    }
     record = fid.read_record(log, channels=chosen)
     assert record.names == ("elevator", "q") and record.input_names == ("elevator",)
     np.testing.assert_allclose(record["q"], columns["q"], atol=1e-12)
