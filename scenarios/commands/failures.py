@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import sys
 from typing import Any
 
 from sim.errors import FlightidError
 
+LONGEST = 2000  # characters of a line; the middle of a longer one is left out
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of the signal
 
 
@@ -26,9 +30,11 @@ def report(error: BaseException) -> int:
     if isinstance(error, FlightidError):
         return _say(str(error), 2)
     if isinstance(error, MemoryError):
-        return _say(f"out of memory: {error or 'too much was asked for'}", 1)
+        return _say(f"out of memory{f': {error}' if str(error) else ''}; give less data at once, or ask for fewer samples or runs", 1)
     if isinstance(error, BrokenPipeError):
         return 1
+    if isinstance(error, OSError) and error.errno is not None:
+        return _say(_of_system(error), 2)
     name = type(error).__name__
     if isinstance(error, KeyboardInterrupt | Stopped) or name == "Abort":
         return _say(f"stopped; {str(error) or 'nothing was written'}", STOPPED)
@@ -47,8 +53,23 @@ def _usage(error: Any) -> str:
     return f"{text[:1].lower()}{text[1:]}; see {' '.join(command.split())} --help"
 
 
+def _of_system(error: OSError) -> str:
+    """What the operating system refused, of which file, and what may help."""
+    remedies = {
+        **dict.fromkeys(_FULL, "make room, or write to another place"),
+        **dict.fromkeys((errno.EMFILE, errno.ENFILE), "raise the limit of open files (ulimit -n), or use fewer processes (--jobs)"),
+        **dict.fromkeys((errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.ENOENT), "check the path"),
+        **dict.fromkeys((errno.EAGAIN, errno.ENOMEM), "use fewer processes (--jobs), or wait until others have ended"),
+    }
+    number = error.errno or 0
+    place = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes) else "the output" if number in _FULL else "the system"
+    return f"{place}: {error.strerror or error}; {remedies.get(number, 'check the path and its permissions')}"
+
+
 def _say(text: str, code: int) -> int:
-    line = " ".join(text.split())
-    with contextlib.suppress(BrokenPipeError):
-        print(f"flightid: {line.removeprefix('flightid: ')}", file=sys.stderr)
+    line = " ".join(text.split()).removeprefix("flightid: ")
+    if len(line) > LONGEST:
+        line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+    with contextlib.suppress(OSError, ValueError):  # stderr may be full or closed; the exit code says enough
+        print(f"flightid: {line}", file=sys.stderr)
     return code

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
@@ -12,12 +13,15 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
+from scenarios.files.documents import found_json
 from scenarios.files.writing import write_json
 from sim.errors import FlightidError
 
 MANIFEST = "files"
+_SHORT = 40  # characters of a folder's name that its temporary one has, so that a long name can be used
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 @contextmanager
@@ -36,23 +40,28 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
     ------
     FlightidError : ``path`` is a file or cannot be written, or a folder stands where a file of ours should go.
     """
-    target = Path(path).resolve()
-    if target.exists() and not target.is_dir():
-        raise FlightidError("this is a file, not a folder", where=str(path), remedy="name another folder")
+    target = Path(os.path.realpath(path))
+    if os.path.lexists(target) and not os.path.isdir(target):
+        raise FlightidError("this is a file or a broken link, not a folder", where=str(path), remedy="name another folder")
     made: list[Path] = []
     scratch: Path | None = None
     try:
         try:
             _make(target.parent, made)
-            scratch = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+            scratch = Path(tempfile.mkdtemp(prefix=f".{target.name[:_SHORT]}-", dir=target.parent))
         except OSError as error:
-            raise _unwritable(path, error) from None
-        yield scratch
+            raise unwritable(path, error) from None
+        try:
+            yield scratch
+        except OSError as error:
+            if error.errno in _FULL:
+                raise unwritable(path, error) from None
+            raise
         try:
             with _uninterrupted(path):
                 _move_in(scratch, target, main, made)
         except OSError as error:
-            raise _unwritable(path, error) from None
+            raise unwritable(path, error) from None
     except BaseException:
         if scratch is not None:
             shutil.rmtree(scratch, ignore_errors=True)
@@ -65,26 +74,28 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
 
 @contextmanager
 def _uninterrupted(path: str | Path) -> Iterator[None]:
-    """Ctrl-C waits until the files are in their place, which takes no time, and then says so: a study is there as a whole or not at all."""
+    """What would end the process waits until the files are in their place, and then says so: a study is there whole or not at all."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     came: list[int] = []
-    former = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    former = {number: signal.getsignal(number) for number in _ENDING if callable(signal.getsignal(number))}
+    for number in former:
+        signal.signal(number, lambda number, frame: came.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, former)
-    if came:
+        for number, handler in former.items():
+            signal.signal(number, handler)
+    for number in came:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(number)
         raise KeyboardInterrupt(f"the study in {path} is whole")
 
 
 def listed_files(main: Path) -> frozenset[str]:
     """The files that a study's JSON lists as ours; none if it is not a study's or lists nothing."""
-    try:
-        content: Any = json.loads(main.read_bytes())
-    except (OSError, ValueError):
-        return frozenset()
+    content = found_json(main)
     if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("flightid/"):
         return frozenset()
     names = content.get(MANIFEST)
@@ -138,5 +149,7 @@ def _is_plain(name: str) -> bool:
     return name not in ("", ".", "..") and "/" not in name and "\\" not in name and "\0" not in name
 
 
-def _unwritable(path: str | Path, error: OSError) -> FlightidError:
-    return FlightidError(f"cannot be written ({error.strerror})", where=str(path), remedy="name a folder that you may write in")
+def unwritable(path: str | Path, error: OSError) -> FlightidError:
+    """The error for a place that cannot be written, with what the operating system says of it."""
+    remedy = "make room, or name a place on another disk" if error.errno in _FULL else "name a folder that you may write in"
+    return FlightidError(f"cannot be written ({error.strerror})", where=str(path), remedy=remedy)

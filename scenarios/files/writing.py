@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.channel_names import TIME
+from scenarios.files.escaping import escaped
 from scenarios.files.measured.sidecar import SCHEMA, SIMULATED
 from sim.errors import FlightidError
 from sim.record import Record
@@ -77,7 +78,7 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
 def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
     """The text that ``write_json`` writes; ``where`` names the file in errors."""
-    return _laid_out(_plain(content, where, ""), "")
+    return escaped(_laid_out(_plain(content, where, ""), ""))
 
 
 def write_text(path: Path, text: str) -> None:

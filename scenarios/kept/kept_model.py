@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any
 
 from ident.tracing.diagnosis import Trained
 from ident.whole_record.layout import FitSettings
+from scenarios.files.documents import found_json, read_json
 from scenarios.files.sources import InputFile
 from scenarios.files.writing import write_json
 from scenarios.kept.effects_text import effect_content, effect_of
@@ -141,12 +142,9 @@ def read_kept(folder: str | Path) -> KeptFile:
         what = "this is a file, not a study folder" if folder.exists() else "there is no such folder"
         raise DeclarationError(what, where=str(folder), remedy="name the --out folder of identify or diagnose")
     path = folder / NAME
-    try:
-        content = json.loads(path.read_bytes())
-    except FileNotFoundError:
-        raise _no_model(folder) from None
-    except (OSError, ValueError):
-        content = None
+    if not os.path.lexists(path):
+        raise _no_model(folder)
+    content = read_json(path, wanted="the --out folder of identify or diagnose")
     if not isinstance(content, dict) or content.get("schema") != SCHEMA or not _says_its_files(content):
         raise _unreadable(path)
     return KeptFile(path, content)
@@ -168,9 +166,9 @@ def _no_model(folder: Path) -> DeclarationError:
     """What to run where a folder keeps no model: the study again, or an identification of its record."""
     if (folder / "diagnosis.json").is_file():
         return DeclarationError("this diagnosis keeps no model", where=str(folder), remedy="run flightid diagnose again with this --out")
-    try:
-        scenario = json.loads((folder / "comparison.json").read_bytes()).get("scenario")
-    except (OSError, ValueError, AttributeError):
+    comparison = found_json(folder / "comparison.json")
+    scenario = comparison.get("scenario") if isinstance(comparison, dict) else None
+    if not isinstance(comparison, dict):
         return DeclarationError("there is no study in this folder", where=str(folder), remedy="name the --out folder of identify or diagnose")
     if scenario == IDENTIFY:
         return DeclarationError("this study keeps no model", where=str(folder), remedy="run flightid identify again with this --out")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from scenarios.files.documents import read_json
 from scenarios.side_by_side.responses import read_responses
 from scenarios.side_by_side.value import Column, Value
 from sim.errors import DeclarationError
@@ -70,12 +70,7 @@ def _study_file(path: Path, text: str) -> Path:
 
 def _content(file: Path) -> dict[str, Any]:
     """A study's JSON."""
-    try:
-        content = json.loads(file.read_bytes())
-    except OSError as error:
-        raise DeclarationError(f"cannot be read ({error.strerror})", where=str(file), remedy=WRITERS) from None
-    except ValueError:
-        raise DeclarationError("not JSON", where=str(file), remedy=WRITERS) from None
+    content = read_json(file, wanted=WRITERS.removeprefix("name "))
     if not isinstance(content, dict) or content.get("schema") != STUDIES[file.name]:
         raise DeclarationError(f"it is no {STUDIES[file.name]}", where=str(file), remedy=WRITERS)
     return content

@@ -12,13 +12,12 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.cells import MISSING, one_line
+from scenarios.files.measured.cells import LARGEST, MISSING, one_line
 from scenarios.files.measured.columns import Column, column_place, find_column, missing_column
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 
 INPUTS, OUTPUTS = (STICK,), ("alpha", "q", "nz")
-LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 AHEAD = 1.0  # s: a time stamp further ahead is believed when the next one bears it out
 LOST = 600.0  # s: after a gap this long nothing of the motion before is known
 

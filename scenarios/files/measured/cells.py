@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "null"})
-_MARKED = re.compile(r"[+-]?(?=[.,]*\d)[\d.,]+([eE][+-]?\d+)?")  # a number as somebody wrote it, with points and commas in it
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
+LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
+_MARKED = re.compile(r"[+-]?(?=[.,]*\d)[\d.,]+([eE][+-]?\d+)?", re.ASCII)  # a number as somebody wrote it, with points and commas in it
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,17 +6,19 @@ parts the header; where several do, the one by which every row has as many cells
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import gzip
 import io
 import re
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from scenarios.files.measured.cells import MISSING, Table, first_line, has_decimal_comma, one_line, plain_number
+from scenarios.files.sources import MOST_RECORD, too_large
 from scenarios.files.units import is_unit
 from sim.errors import RecordError
 
@@ -40,8 +42,9 @@ def delimited_table(path: Path, raw: bytes) -> Table:
     text = _text(path, raw)
     first, above = _header_at(text)
     declared = _DECLARED.fullmatch(above[0]) if above else None
-    separator = declared[1] if declared is not None else _separator(path, text[first:], len(above))
-    lines = _rows(path, text[first:], separator, len(above))
+    with _long_cells(len(text)):
+        separator = declared[1] if declared is not None else _separator(path, text[first:], len(above))
+        lines = _rows(path, text[first:], separator, len(above))
     if not any(cell.strip() for _, cells in lines for cell in cells):
         raise RecordError("the file is empty", where=str(path), remedy="give a header row and one row a sample")
     header = tuple(one_line(cell) for cell in lines[0][1])
@@ -56,10 +59,32 @@ def delimited_table(path: Path, raw: bytes) -> Table:
     return Table(str(path), header, columns, np.array([row for row, _ in body], dtype=int), ragged, units, separator, comma)
 
 
+@contextlib.contextmanager
+def _long_cells(most: int) -> Iterator[None]:
+    """While the body runs, cells may be as long as the file: a header of thousands of columns is one cell to any other separator."""
+    former = csv.field_size_limit(max(most, 1))
+    try:
+        yield
+    finally:
+        csv.field_size_limit(former)
+
+
+def _unpacked(path: Path, raw: bytes) -> bytes:
+    """What is in a gzip file, read no further than the limit: a few bytes may stand for any number of them."""
+    pieces, size = [], 0
+    with gzip.GzipFile(fileobj=io.BytesIO(raw)) as file:
+        while piece := file.read(1 << 20):
+            pieces.append(piece)
+            size += len(piece)
+            if size > MOST_RECORD:
+                raise too_large(RecordError, str(path), "what it unpacks to", MOST_RECORD, "give a part of it, or save it as Parquet")
+    return b"".join(pieces)
+
+
 def _text(path: Path, raw: bytes) -> str:
     if path.suffix.lower() == ".gz":
         try:
-            raw = gzip.decompress(raw)
+            raw = _unpacked(path, raw)
         except (OSError, EOFError, zlib.error) as error:
             raise RecordError(f"not a gzip file ({first_line(error)})", where=str(path), remedy="compress it again, or give the plain file") from None
     try:

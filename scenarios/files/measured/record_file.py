@@ -10,7 +10,7 @@ from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.cells import Table
 from scenarios.files.measured.sidecar import Sidecar, read_sidecar
 from scenarios.files.measured.tables import table_of
-from scenarios.files.sources import InputFile, read_source
+from scenarios.files.sources import MOST_RECORD, InputFile, read_source
 from sim.errors import RecordError
 
 
@@ -40,7 +40,7 @@ def read_record_file(path: str | Path) -> RecordFile:
     ------
     RecordError : the file is missing, unreadable, empty, not UTF-8, or has a header and no rows; the sidecar says what cannot be used.
     """
-    source = read_source(path, RecordError, "the record file")
+    source = read_source(path, RecordError, "the record file", MOST_RECORD)
     return RecordFile(source.path, table_of(source), read_sidecar(source.path), source.identity)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from scenarios.files.measured.cells import Table, first_line, one_line
 from scenarios.files.measured.delimited import delimited_table
+from scenarios.files.measured.sizes import refuse_oversized
 from scenarios.files.sources import Source
 from sim.errors import RecordError
 
@@ -23,6 +24,7 @@ def table_of(source: Source) -> Table:
     """
     if not source.content:
         raise RecordError("the file is empty", where=str(source.path), remedy="give a header row and one row a sample")
+    refuse_oversized(source)
     table = _READERS.get(source.path.suffix.lower(), delimited_table)(source.path, source.content)
     if table.rows.size == 0:
         raise RecordError("there is a header but no rows", where=str(source.path), remedy="give one row a sample")

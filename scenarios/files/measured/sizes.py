@@ -1,0 +1,63 @@
+"""How much a packed file unpacks to, found without unpacking it whole: a few bytes may stand for any number of them."""
+
+from __future__ import annotations
+
+import io
+import zlib
+
+from scenarios.files.sources import MOST_RECORD, Source, too_large
+from sim.errors import RecordError
+
+MOST_NUMBERS = MOST_RECORD // 8
+_PIECE = 1 << 20
+_COMPRESSED = 15  # type of an element of a MAT file that is packed
+_MAT_HEADER = 128
+
+
+def refuse_oversized(source: Source) -> None:
+    """Raise RecordError where a Parquet or MAT file unpacks to more than is read; a file that is damaged is for its reader to name."""
+    suffix = source.path.suffix.lower()
+    if suffix in (".parquet", ".pq") and _numbers_in_parquet(source.content) > MOST_NUMBERS:
+        raise _oversized(source)
+    if suffix == ".mat" and _unpacked_by_mat(source.content) > MOST_RECORD:
+        raise _oversized(source)
+
+
+def _oversized(source: Source) -> RecordError:
+    error = too_large(RecordError, str(source.path), "what it unpacks to", MOST_RECORD, "give a part of its rows or columns")
+    assert isinstance(error, RecordError)
+    return error
+
+
+def _numbers_in_parquet(content: bytes) -> int:
+    """Rows times columns, as the file's own index has them."""
+    try:
+        import pyarrow.parquet
+
+        found = pyarrow.parquet.ParquetFile(io.BytesIO(content)).metadata
+        return int(found.num_rows) * int(found.num_columns)
+    except Exception:  # not installed, or damaged in one of many ways
+        return 0
+
+
+def _unpacked_by_mat(content: bytes) -> int:
+    """Bytes of all elements of a MAT file of version 5, counted until there are too many."""
+    order = "little" if content[126:128] == b"IM" else "big"
+    at, total = _MAT_HEADER, 0
+    while at + 8 <= len(content) and total <= MOST_RECORD:
+        kind, size = (int.from_bytes(content[at + shift : at + shift + 4], order) for shift in (0, 4))  # type: ignore[arg-type]
+        body = content[at + 8 : at + 8 + size]
+        total += _unpacked(body, MOST_RECORD - total) if kind == _COMPRESSED else len(body)
+        at += 8 + size
+    return total
+
+
+def _unpacked(body: bytes, most: int) -> int:
+    stream, size = zlib.decompressobj(), 0
+    try:
+        while body and size <= most and not stream.eof:
+            size += len(stream.decompress(body, _PIECE))
+            body = stream.unconsumed_tail
+    except zlib.error:
+        return 0
+    return size
