@@ -147,7 +147,9 @@ def _equations(layout: _Layout, r: int, mine: np.ndarray) -> _Equations:
     time = record.time
     grid = make_grid(time, float(np.diff(time).max()))
     drive = drive_from_record(system, p, record.input_array(system.input_names), time, record.hold, grid)
-    u_begin, u_end = [_deep(row) for row in drive.begin], [_deep(row) for row in drive.end]
+    # The grid has further nodes where samples are far apart; the equations are taken from sample to sample.
+    u_begin = [_deep(np.asarray(row)[grid.sample]) for row in drive.begin]
+    u_end = [_deep(np.asarray(row)[grid.sample[1:] - 1]) for row in drive.end]
     x = [_deep(state.smooth) - (0.0 if state.bias is None else p[state.bias]) for state in data]
     n = len(time)
     before = system.f(time[:-1, None], [row[:-1] for row in x], [row[:-1] for row in u_begin], p)

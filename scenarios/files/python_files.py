@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 from scenarios.files.sources import Source
-from sim.errors import DeclarationError, FlightidError
+from sim.errors import DeclarationError, FlightidError, raised_by
 
 WANTED = "a Python file"
 
@@ -33,7 +33,9 @@ def run_python(source: Source, kind: str) -> ModuleType:
     except FlightidError as error:
         inside = f"{error.where}: " if error.where else ""
         raise DeclarationError(f"{inside}{error.what}", where=f"{where}{_line(error, path)}", remedy=error.remedy) from None
-    except (Exception, SystemExit) as error:  # the file is a user's, and anything may be wrong with it
+    except BaseException as error:  # the file is a user's, and anything may be wrong with it
+        if not raised_by(error, where):
+            raise
         line = f", line {error.lineno}" if isinstance(error, SyntaxError) and error.lineno else _line(error, path)
         text = error.msg if isinstance(error, SyntaxError) else str(error)
         what = " ".join(f"{type(error).__name__}: {text}".split())
