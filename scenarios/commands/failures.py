@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import sys
 from typing import Any
 
 from sim.errors import FlightidError
 
-LONGEST = 2000  # characters of a line; the middle of a longer one is left out
+LONGEST_WORD = 300  # characters of a path or name; the middle of a longer one is left out
+LONGEST = 3000  # characters of a line; the middle of a longer one is left out
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of the signal
 
@@ -68,6 +70,7 @@ def _of_system(error: OSError) -> str:
 
 def _say(text: str, code: int) -> int:
     line = " ".join(text.split()).removeprefix("flightid: ")
+    line = re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: f"{word[0][: LONGEST_WORD // 2]}...{word[0][-LONGEST_WORD // 4 :]}", line)
     if len(line) > LONGEST:
         line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
     with contextlib.suppress(OSError, ValueError):  # stderr may be full or closed; the exit code says enough

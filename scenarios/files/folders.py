@@ -24,6 +24,22 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
+class _Scratch:
+    """A temporary folder, and two open files set aside: where all others are used up, removing the folder needs them."""
+
+    def __init__(self, beside: Path, name: str) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix=f".{name[:_SHORT]}-", dir=beside))
+        self._aside: list[int] = []
+        with contextlib.suppress(OSError):
+            self._aside += [os.open(os.devnull, os.O_RDONLY) for _ in range(2)]
+
+    def remove(self) -> None:
+        """Remove the folder with all that is in it."""
+        while self._aside:
+            os.close(self._aside.pop())
+        shutil.rmtree(self.path, ignore_errors=True)
+
+
 @contextmanager
 def study_folder(path: str | Path, main: str) -> Iterator[Path]:
     """A temporary folder to write a study into; on leaving, its files become those of ``path``.
@@ -42,34 +58,81 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
     """
     target = Path(os.path.realpath(path))
     if os.path.lexists(target) and not os.path.isdir(target):
-        raise FlightidError("this is a file or a broken link, not a folder", where=str(path), remedy="name another folder")
+        what = "this is a link that leads nowhere" if os.path.islink(target) else "this is a file, not a folder"
+        raise FlightidError(what, where=str(path), remedy="name another folder")
     made: list[Path] = []
-    scratch: Path | None = None
+    scratch: _Scratch | None = None
     try:
         try:
             _make(target.parent, made)
-            scratch = Path(tempfile.mkdtemp(prefix=f".{target.name[:_SHORT]}-", dir=target.parent))
+            scratch = _Scratch(target.parent, target.name)
         except OSError as error:
             raise unwritable(path, error) from None
         try:
-            yield scratch
+            yield scratch.path
         except OSError as error:
             if error.errno in _FULL:
                 raise unwritable(path, error) from None
             raise
         try:
             with _uninterrupted(path):
-                _move_in(scratch, target, main, made)
+                _move_in(scratch.path, target, main, made)
         except OSError as error:
             raise unwritable(path, error) from None
     except BaseException:
         if scratch is not None:
-            shutil.rmtree(scratch, ignore_errors=True)
-        for folder in reversed(made):
-            if not any(folder.iterdir()):
-                folder.rmdir()
+            scratch.remove()
+        _unmake(made)
         raise
-    shutil.rmtree(scratch, ignore_errors=True)
+    scratch.remove()
+
+
+@contextmanager
+def files_together(named: Path) -> Iterator[Path]:
+    """A temporary folder to write a record into, with the files that belong beside it; on leaving they go into the folder of ``named``, all or none.
+
+    ``named`` is the file that the user asked for, which is replaced. Of the others a JSON file is replaced where its schema is ours, any other
+    where such a JSON file beside it shows that an earlier call wrote them.
+
+    Raises
+    ------
+    FlightidError : the folder cannot be written, or a file of somebody else has the name of one of ours.
+    """
+    target = named.parent
+    made: list[Path] = []
+    scratch: _Scratch | None = None
+    try:
+        try:
+            _make(target, made)
+            scratch = _Scratch(target, named.stem)
+            yield scratch.path
+            _refuse_strangers(scratch.path, named)
+            with _uninterrupted(named):
+                for name in sorted(os.listdir(scratch.path), key=lambda name: (name == named.name, name)):
+                    os.replace(scratch.path / name, target / name)
+        except OSError as error:
+            raise unwritable(named, error) from None
+    except BaseException:
+        if scratch is not None:
+            scratch.remove()
+        _unmake(made)
+        raise
+    scratch.remove()
+
+
+def _refuse_strangers(scratch: Path, named: Path) -> None:
+    """Raise FlightidError where a file beside the named one is there already and none of ours."""
+    beside = [named.parent / name for name in sorted(os.listdir(scratch)) if name != named.name]
+    ours = {path for path in beside if path.suffix == ".json" and _is_ours(path)}
+    for path in (named, *beside):
+        if path.is_dir() or (path in beside and os.path.lexists(path) and path not in ours and (path.suffix == ".json" or not ours)):
+            what = "it stands where a file that goes with the record has to go, and flightid did not write it"
+            raise FlightidError(what, where=str(path), remedy="move it away, or name another record file")
+
+
+def _is_ours(path: Path) -> bool:
+    content = found_json(path)
+    return isinstance(content, dict) and str(content.get("schema", "")).startswith("flightid/")
 
 
 @contextmanager
@@ -142,6 +205,13 @@ def _make(folder: Path, made: list[Path]) -> None:
     for parent in reversed(missing):
         parent.mkdir(exist_ok=True)
         made.append(parent)
+
+
+def _unmake(made: list[Path]) -> None:
+    """Remove folders that were made and are empty."""
+    for folder in reversed(made):
+        with contextlib.suppress(OSError):
+            folder.rmdir()
 
 
 def _is_plain(name: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -199,7 +200,8 @@ def _check_cells(table: Table, column: Column, content: Numbers, rows: slice) ->
         what, where = f"{table.ragged[position]} cells under a header of {len(table.header)}", f"{table.file}, row {table.rows[position]}"
         raise RecordError(what, where=where, remedy=_row_remedy(table, position))
     texts = [position for position in content.texts if position in inside]
-    infinite = [rows.start + int(position) for position in np.flatnonzero(np.abs(content.values[rows]) > LARGEST)]
+    largest = LARGEST if column.channel == TIME else sys.float_info.max
+    infinite = [rows.start + int(position) for position in np.flatnonzero(np.abs(content.values[rows]) > largest)]
     if not texts and not infinite:
         return
     position = min(texts + infinite)
@@ -212,8 +214,7 @@ def _check_cells(table: Table, column: Column, content: Numbers, rows: slice) ->
         raise RecordError(f"{shown} is not a number", where=where, remedy="write a number, or leave the cell empty where the sample is missing")
     remedy = "give every row a finite time" if column.channel == TIME else "leave the cell empty where the sample is missing"
     if math.isfinite(value := content.values[position]):
-        what = f"{value:g} is beyond {LARGEST:g}, the largest number that is computed with"
-        raise RecordError(what, where=where, remedy=remedy)
+        raise RecordError(f"the time {value:g} s is beyond {LARGEST:g} s", where=where, remedy="correct it, or leave the row out")
     raise RecordError("an infinite value" if column.channel != TIME else "time is infinite", where=where, remedy=remedy)
 
 

@@ -6,6 +6,7 @@ import hashlib
 import os
 import select
 import stat
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from sim.errors import FlightidError
 MOST_RECORD = 1 << 30  # bytes of a record file, as it stands and unpacked: a few times that has room in memory
 MOST_DECLARED = 1 << 22  # bytes of a TOML or Python file: the parser takes a second for each million
 MOST_DOCUMENT = 1 << 27  # bytes of a JSON document of ours, which may hold figures
+PATIENCE = 5.0  # s, in which a program must begin to write into a pipe
 _PIECE = 1 << 20
 
 
@@ -85,24 +87,33 @@ def _content(path: Path, error: type[FlightidError], wanted: str, most: int) -> 
             raise error("this is a device, not a file", where=str(path), remedy=f"name {wanted}")
         if found.st_size > most:
             raise too_large(error, str(path), f"{found.st_size / (1 << 20):.4g} MiB", most)
+        piece = _first_piece(handle) if is_pipe else _piece(handle)
+        if is_pipe and not piece:
+            raise error("nothing writes into this pipe", where=str(path), remedy=f"name {wanted}")
         pieces, size = [], 0
-        while piece := _piece(handle, is_pipe):
+        while piece:
             pieces.append(piece)
             size += len(piece)
             if size > most:
                 raise too_large(error, str(path), "what comes out of it", most)
+            piece = _piece(handle)
     finally:
         os.close(handle)
-    if is_pipe and not size:
-        raise error("nothing writes into this pipe", where=str(path), remedy=f"name {wanted}")
     return b"".join(pieces)
 
 
-def _piece(handle: int, is_pipe: bool) -> bytes:
+def _piece(handle: int) -> bytes:
+    """The next bytes, none at the end; of a pipe that is written into they are waited for."""
     while True:
         try:
             return os.read(handle, _PIECE)
         except BlockingIOError:
-            if not is_pipe:
-                raise
             select.select([handle], [], [])
+
+
+def _first_piece(handle: int) -> bytes:
+    """The first bytes of a pipe; none where no program has come to write into it before ``PATIENCE`` is over."""
+    until = time.monotonic() + PATIENCE
+    while not (piece := _piece(handle)) and time.monotonic() < until:
+        time.sleep(0.02)
+    return piece

@@ -15,6 +15,7 @@ from ident.flying_qualities.state_space import StateSpace, state_space
 from ident.flying_qualities.whole_axes import LONGITUDINAL_STATES, level_flight
 from scenarios.files.measured.sidecar import sidecar_path
 from scenarios.files.own_models import inputs_at_rest
+from scenarios.files.writing import write_content
 from scenarios.identification.result import Identification
 from sim.declaration.model import Model
 from sim.declaration.system import System
@@ -126,6 +127,6 @@ def write_state_space(space: StateSpace, path: Path) -> None:
     refuse_place(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(FORMATS[path.suffix.lower()](space))
+        write_content(path, FORMATS[path.suffix.lower()](space))
     except OSError as error:
         raise FlightidError(f"cannot be written ({error.strerror})", where=str(path), remedy="name a file that you may write") from None

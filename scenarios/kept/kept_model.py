@@ -13,13 +13,28 @@ from ident.whole_record.layout import FitSettings
 from scenarios.files.documents import found_json, read_json
 from scenarios.files.sources import InputFile
 from scenarios.files.writing import write_json
-from scenarios.kept.effects_text import effect_content, effect_of
+from scenarios.kept.effects_text import effect_content, effect_of, refuse_other_fields, refuse_other_kind
 from sim.declaration.proposal import Traceable
 from sim.errors import DeclarationError
 
 NAME = "model.json"
 SCHEMA = "flightid/model/1"
 IDENTIFY, DIAGNOSE = "identify", "diagnose"
+# Types of what ``model.json`` holds, as JSON has them.
+_KINDS = {
+    **dict.fromkeys(("made_by", "model", "vehicle_text"), str),
+    **dict.fromkeys(("biases", "spiked", "claimed"), list[str]),
+    "reading": dict[str, Any],
+    "weighed": bool,
+    "after": dict[str, Any],
+}
+_TRAINED = {
+    "effects": list[dict[str, Any]],
+    "outputs": list[str],
+    "shared": dict[str, float],
+    "own": list[dict[str, float]],
+    "settings": dict[str, Any],
+}
 
 
 @dataclass(frozen=True)
@@ -112,6 +127,9 @@ class KeptFile:
 
     def _made(self, own: Sequence[Traceable]) -> KeptModel:
         c, where = self.content, str(self.path)
+        for key, kind in _KINDS.items():
+            refuse_other_kind(c[key], kind)
+        refuse_other_fields(c["reading"], KeptReading)
         before = _trained(c["before"], own, where) if "before" in c else None
         return KeptModel(
             c["made_by"],
@@ -187,5 +205,8 @@ def _trained_content(trained: Trained) -> dict[str, Any]:
 
 
 def _trained(content: Mapping[str, Any], own: Sequence[Traceable], where: str) -> Trained:
+    for key, kind in _TRAINED.items():
+        refuse_other_kind(content[key], kind)
+    refuse_other_fields(content["settings"], FitSettings)
     effects = tuple(effect_of(each, own, where) for each in content["effects"])
     return Trained(effects, tuple(content["outputs"]), content["shared"], tuple(content["own"]), FitSettings(**content["settings"]))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from scenarios.files.documents import json_value
 from sim.errors import RecordError
 from sim.record import Hold
 
@@ -49,7 +49,7 @@ def read_sidecar(record: Path) -> Sidecar:
     """
     path = sidecar_path(record)
     try:
-        content = json.loads(path.read_bytes())
+        content = json_value(path.read_bytes())
     except (OSError, ValueError):
         return Sidecar()
     schema = content.get("schema") if isinstance(content, dict) else None
