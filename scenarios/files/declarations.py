@@ -54,6 +54,7 @@ def toml_of(source: Source) -> dict[str, Any]:
     except UnicodeDecodeError:
         raise DeclarationError("not UTF-8 text", where=where, remedy="save it in UTF-8") from None
     except DocumentError as error:
+        where = f"{where}, key {error.key}" if error.key else where
         raise DeclarationError(str(error), where=where, remedy='write key = value, texts in "quotes"') from None
 
 

@@ -13,10 +13,15 @@ from sim.errors import DeclarationError, FlightidError
 
 DEEPEST = 64  # tables and lists inside each other
 MOST_DIGITS = 300  # of a whole number, which then fits into a float
+_SHOWN = 40  # characters of what is wrong
 
 
 class DocumentError(ValueError):
-    """A text that is no JSON or TOML, or holds what no file of ours does; its text says what, in a few words."""
+    """A text that is no JSON or TOML, or holds what no file of ours does; its text says what, in a few words, and ``key`` where if that is known."""
+
+    def __init__(self, what: str, key: str = "") -> None:
+        super().__init__(what)
+        self.key = key
 
 
 def json_value(content: bytes | str) -> Any:
@@ -70,7 +75,7 @@ def read_json(path: Path, error: type[FlightidError] = DeclarationError, wanted:
     try:
         return json_value(content)
     except DocumentError as fault:
-        raise error(str(fault), where=str(path), remedy=f"name {wanted}") from None
+        raise error(str(fault), where=f"{path}, key {fault.key}" if fault.key else str(path), remedy=f"name {wanted}") from None
 
 
 def found_json(path: Path) -> Any:
@@ -93,15 +98,18 @@ def _constant(word: str) -> float:
 
 def _refuse_extremes(value: Any, *, finite: bool) -> None:
     """Go through all values, level by level so that no depth can overrun this."""
-    level, depth = [value], 0
+    level, depth = [("", value)], 0
     while level:
         if depth > DEEPEST:
-            raise DocumentError(f"nested deeper than {DEEPEST} levels")
-        for each in level:
-            if isinstance(each, int) and not isinstance(each, bool) and abs(each) >= 10**MOST_DIGITS:
-                raise DocumentError(f"a number of more than {MOST_DIGITS} digits")
-            if finite and isinstance(each, float) and not math.isfinite(each):
-                raise DocumentError("a number beyond the range of floats")
-        inner = [each for each in level if isinstance(each, dict | list)]
-        level = [item for each in inner for item in (each.values() if isinstance(each, dict) else each)]
-        depth += 1
+            raise DocumentError(f"nested deeper than {DEEPEST} levels", level[0][0][:_SHOWN])
+        inner: list[tuple[str, Any]] = []
+        for key, each in level:
+            if isinstance(each, dict):
+                inner += [(f"{key}.{name}" if key else str(name), item) for name, item in each.items()]
+            elif isinstance(each, list):
+                inner += [(key, item) for item in each]
+            elif isinstance(each, int) and abs(each) >= 10**MOST_DIGITS:
+                raise DocumentError(f"{str(each)[:_SHOWN]}... is not a number to compute with: it has more than {MOST_DIGITS} digits", key)
+            elif finite and isinstance(each, float) and not math.isfinite(each):
+                raise DocumentError("a number beyond the range of floats", key)
+        level, depth = inner, depth + 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.cells import LARGEST, Numbers, Table, mark_fault, numbers
+from scenarios.files.measured.cells import Numbers, Table, mark_fault, numbers
 from scenarios.files.measured.columns import Column, column_place, find_column, missing_column, named_otherwise
 from scenarios.files.measured.record_file import RecordFile, read_record_file
 from scenarios.files.units import to_si
@@ -194,14 +193,13 @@ def _sized(table: Table, column: Column) -> Numbers:
 
 
 def _check_cells(table: Table, column: Column, content: Numbers, rows: slice) -> None:
-    """Refuse, within the window, the first row that is ragged, holds text, an infinite number or one that cannot be computed with."""
+    """Refuse, within the window, the first row that is ragged, holds text or an infinite number."""
     inside = range(rows.start, rows.stop)
     for position in sorted(set(table.ragged) & set(inside))[:1]:
         what, where = f"{table.ragged[position]} cells under a header of {len(table.header)}", f"{table.file}, row {table.rows[position]}"
         raise RecordError(what, where=where, remedy=_row_remedy(table, position))
     texts = [position for position in content.texts if position in inside]
-    largest = LARGEST if column.channel == TIME else sys.float_info.max
-    infinite = [rows.start + int(position) for position in np.flatnonzero(np.abs(content.values[rows]) > largest)]
+    infinite = [rows.start + int(position) for position in np.flatnonzero(np.isinf(content.values[rows]))]
     if not texts and not infinite:
         return
     position = min(texts + infinite)
@@ -213,8 +211,6 @@ def _check_cells(table: Table, column: Column, content: Numbers, rows: slice) ->
         shown = repr(text if len(text) <= 40 else text[:37] + "...")
         raise RecordError(f"{shown} is not a number", where=where, remedy="write a number, or leave the cell empty where the sample is missing")
     remedy = "give every row a finite time" if column.channel == TIME else "leave the cell empty where the sample is missing"
-    if math.isfinite(value := content.values[position]):
-        raise RecordError(f"the time {value:g} s is beyond {LARGEST:g} s", where=where, remedy="correct it, or leave the row out")
     raise RecordError("an infinite value" if column.channel != TIME else "time is infinite", where=where, remedy=remedy)
 
 

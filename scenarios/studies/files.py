@@ -55,7 +55,7 @@ def write_study(study: Study, folder: str | Path, *, figures: Formats = USUAL) -
             (scratch / "determination.csv").write_text(determination_csv(determined), encoding="utf-8")
         if study.sweep is not None:
             (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8")
-        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out, HERE)), encoding="utf-8")
+        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out, HERE)), encoding="utf-8", errors="backslashreplace")
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.page.drawing import drawn_for_page

@@ -42,7 +42,9 @@ def as_text(show: Callable[[Console], None]) -> str:
 
 def number(value: float, std: float | None = None) -> str:
     """A number with the digits that its standard deviation makes sensible: two of the deviation, else five."""
-    if std is None or not std > 0:
+    if not math.isfinite(value):
+        return "unknown"
+    if std is None or not 0 < std < math.inf:
         return f"{value:.5g}"
     from math import floor, log10
 

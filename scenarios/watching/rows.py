@@ -141,7 +141,8 @@ def in_order(table: np.ndarray, numbers: Sequence[int], order: Order) -> tuple[n
                     continue
                 order = _accept(ahead, ahead_row, order, kept, faults)
             else:
-                faults.append(Fault(ahead_row, f"time jumps ahead ({order.time:.9g} s, then {ahead[0]:.9g} s) and comes back"))
+                begun = f"{order.time:.9g} s, then " if order.time > -math.inf else "first "
+                faults.append(Fault(ahead_row, f"time jumps ahead ({begun}{ahead[0]:.9g} s) and comes back"))
         ahead_of_all = time - order.time > AHEAD
         order = order._replace(waiting=row, waiting_row=number) if ahead_of_all else _accept(row, number, order, kept, faults)
     return np.array(kept, dtype=float).reshape(-1, table.shape[0]).T, faults, order

@@ -14,7 +14,10 @@ from tests.fuzz.material import make_material
 
 def main() -> None:
     """Run them, print each fault with the call, and how many there are."""
-    first, last = int(sys.argv[1]) if len(sys.argv) > 1 else 0, int(sys.argv[2]) if len(sys.argv) > 2 else COUNT
+    first, last = (
+        int(sys.argv[1]) if len(sys.argv) > 1 else 0,
+        int(sys.argv[2]) if len(sys.argv) > 2 else COUNT,
+    )
     wrong = 0
     with tempfile.TemporaryDirectory() as made:
         (Path(made) / "material").mkdir()
@@ -28,8 +31,14 @@ def main() -> None:
             fault, took = fault_of(ended, folder, before), time.monotonic() - began
             if fault or last - first == 1:
                 wrong += bool(fault)
-                shown = " ".join(repr(text) if len(text) < 60 else f"<{len(text)} characters>" for text in arguments)
-                print(f"{number} {KINDS[number % len(KINDS)].__name__}: {fault} ({took:.1f} s)\n    {shown}\n    {ended.err[:600]!r}", flush=True)
+                shown = " ".join(
+                    repr(text) if len(text) < 60 else f"<{len(text)} characters>"
+                    for text in arguments
+                )
+                print(
+                    f"{number} {KINDS[number % len(KINDS)].__name__}: {fault} ({took:.1f} s)\n    {shown}\n    {ended.err[:600]!r}",
+                    flush=True,
+                )
     print(f"{wrong} of {last - first} end wrongly")
 
 

@@ -20,7 +20,12 @@ from scenarios.cli import main
 LONGEST = 30.0  # s, of one command
 LONGEST_LINE = 3100  # characters of a refusal
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
-_PROGRESS = re.compile(r"flightid: (?!.*;)(.*, )?\d+ (s|min|h)\b[\w ,]*$")  # of long work, a line every ten seconds
+_PROGRESS = re.compile(
+    r"flightid: (?!.*;)(.*, )?\d+ (s|min|h)\b[\w ,]*$"
+)  # of long work, a line every ten seconds
+_ROW = re.compile(
+    r"flightid: .*, row \d+: .*others like it are counted$"
+)  # of a stream, about a row that it goes on without
 _NO_NUMBER = re.compile(r"(?<![\w/.'-])(nan|inf)(?![\w/.'=-])")
 
 
@@ -45,7 +50,10 @@ def _clock(seconds: float, rang: list[bool]) -> Iterator[None]:
         raise _TooLong
 
     # Computing is measured in time of the processor, which does not hang on what else it does; waiting only by the clock on the wall.
-    limits = ((signal.SIGPROF, signal.ITIMER_PROF, seconds), (signal.SIGALRM, signal.ITIMER_REAL, 10.0 * seconds))
+    limits = (
+        (signal.SIGPROF, signal.ITIMER_PROF, seconds),
+        (signal.SIGALRM, signal.ITIMER_REAL, 10.0 * seconds),
+    )
     former = [signal.signal(number, ring) for number, _, _ in limits]
     for _, timer, most in limits:
         signal.setitimer(timer, most)
@@ -59,15 +67,26 @@ def _clock(seconds: float, rang: list[bool]) -> Iterator[None]:
 
 def run(arguments: Sequence[str], folder: Path, seconds: float = LONGEST) -> Ended:
     """Run ``flightid`` in this process with ``folder`` as the current one; warnings are printed as Python prints them."""
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", errors="backslashreplace", write_through=True) for _ in range(2))
+    out, err = (
+        io.TextIOWrapper(
+            io.BytesIO(), encoding="utf-8", errors="backslashreplace", write_through=True
+        )
+        for _ in range(2)
+    )
     rang: list[bool] = []
     code: object = "no exit code"
     here = os.getcwd()
     os.chdir(folder)
     try:
-        with warnings.catch_warnings(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        with (
+            warnings.catch_warnings(),
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+        ):
             warnings.simplefilter("default")
-            warnings.showwarning = lambda message, kind, *_: print(f"{kind.__name__}: {message}", file=sys.stderr)  # type: ignore[assignment]
+            warnings.showwarning = lambda message, kind, *_: print(
+                f"{kind.__name__}: {message}", file=sys.stderr
+            )  # type: ignore[assignment]
             try:
                 with _clock(seconds, rang):
                     main(list(arguments))
@@ -87,7 +106,9 @@ def fault_of(ended: Ended, folder: Path, before: frozenset[str]) -> str:
     A refusal is exit code 2 with one line on stderr and no new file; success is exit code 0 with finite numbers on stdout and in every JSON
     file. Neither holds a control character, a traceback or a warning of a library. ``before``: the files that were there.
     """
-    lines = [line for line in ended.err.splitlines() if not _PROGRESS.match(line)]
+    lines = [
+        line for line in ended.err.splitlines() if not (_PROGRESS.match(line) or _ROW.match(line))
+    ]
     if ended.late:
         return "it takes too long"
     if ended.code not in (0, 2):
@@ -107,7 +128,14 @@ def fault_of(ended: Ended, folder: Path, before: frozenset[str]) -> str:
         return f"something is left behind: {sorted(new)[0]}" if new else ""
     if found := _NO_NUMBER.search(ended.out):
         return f"{found[0]} is printed"
-    return next((told for name in sorted(new) if name.endswith(".json") and (told := _not_strict(folder / name))), "") or _leftover(new)
+    return next(
+        (
+            told
+            for name in sorted(new)
+            if name.endswith(".json") and (told := _not_strict(folder / name))
+        ),
+        "",
+    ) or _leftover(new)
 
 
 def files_in(folder: Path) -> frozenset[str]:
@@ -116,7 +144,14 @@ def files_in(folder: Path) -> frozenset[str]:
 
 
 def _leftover(new: frozenset[str]) -> str:
-    return next((f"something temporary is left: {name}" for name in sorted(new) if Path(name).name.startswith(".")), "")
+    return next(
+        (
+            f"something temporary is left: {name}"
+            for name in sorted(new)
+            if Path(name).name.startswith(".")
+        ),
+        "",
+    )
 
 
 def _not_strict(path: Path) -> str:

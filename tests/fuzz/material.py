@@ -82,21 +82,72 @@ class Material:
 
 def make_material(folder: Path) -> Material:
     """Write the sound inputs into an empty folder, by the commands themselves."""
-    texts = {"vehicle.toml": VEHICLE, "roll.py": ROLL, "flights.toml": FLIGHTS, "limits.toml": LIMITS, "channels.toml": CHANNELS}
+    texts = {
+        "vehicle.toml": VEHICLE,
+        "roll.py": ROLL,
+        "flights.toml": FLIGHTS,
+        "limits.toml": LIMITS,
+        "channels.toml": CHANNELS,
+    }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     short = ["--set", "flight.duration=6", "--set", "flight.rate=25", "--quiet"]
-    rigid, vehicle, plain = str(folder / "rigid.csv"), str(folder / "vehicle.toml"), ["--figures", "none", "--quiet"]
+    rigid, vehicle, plain = (
+        str(folder / "rigid.csv"),
+        str(folder / "vehicle.toml"),
+        ["--figures", "none", "--quiet"],
+    )
     _run("simulate", "rigid", "--out", rigid, *short)
     _run("simulate", "rigid", "--seed", "2", "--out", str(folder / "second.csv"), *short)
-    _run("simulate", "--model", str(folder / "roll.py"), "--duration", "8", "--rate", "25", "--out", str(folder / "roll.csv"), "--quiet")
+    _run(
+        "simulate",
+        "--model",
+        str(folder / "roll.py"),
+        "--duration",
+        "8",
+        "--rate",
+        "25",
+        "--out",
+        str(folder / "roll.csv"),
+        "--quiet",
+    )
     _run("simulate", "x29-simulation", "--out", str(folder / "long.csv"), "--quiet")
     stream = (folder / "long.csv").read_text(encoding="utf-8").splitlines(keepends=True)
     (folder / "stream.csv").write_text("".join(stream[:201]), encoding="utf-8")
-    _run("identify", rigid, "--model", "rigid", "--vehicle", vehicle, "--out", str(folder / "fit"), *plain)
-    _run("diagnose", rigid, "--model", "rigid", "--vehicle", vehicle, "--out", str(folder / "cause"), *plain)
+    _run(
+        "identify",
+        rigid,
+        "--model",
+        "rigid",
+        "--vehicle",
+        vehicle,
+        "--out",
+        str(folder / "fit"),
+        *plain,
+    )
+    _run(
+        "diagnose",
+        rigid,
+        "--model",
+        "rigid",
+        "--vehicle",
+        vehicle,
+        "--out",
+        str(folder / "cause"),
+        *plain,
+    )
     _run("run", "rigid", "--out", str(folder / "study"), "--figures", "none", *short)
-    _run("watch", str(folder / "stream.csv"), "--model", "loes", "--until-end", "--no-refine", "--out", str(folder / "watched"), "--quiet")
+    _run(
+        "watch",
+        str(folder / "stream.csv"),
+        "--model",
+        "loes",
+        "--until-end",
+        "--no-refine",
+        "--out",
+        str(folder / "watched"),
+        "--quiet",
+    )
     return Material(folder)
 
 

@@ -13,12 +13,49 @@ DEEP = 10_000
 DIGITS = "9" * 5000
 CONTROL = "\x1b[31mred\x1b[0m\x07"
 HTML = "<script>alert(1)</script><img src=x onerror=alert(2)>"
-ARABIC, WIDE = str.maketrans("0123456789", "٠١٢٣٤٥٦٧٨٩"), str.maketrans("0123456789", "０１２３４５６７８９")
-EXTREMES = ("1e308", "-1e308", "1e-300", "-28e300", "1e400", "0", "-1", "inf", "nan", "5e-324", "1e150", "1e-150", "9" * 400)
+ARABIC, WIDE = (
+    str.maketrans("0123456789", "٠١٢٣٤٥٦٧٨٩"),
+    str.maketrans("0123456789", "０１２３４５６７８９"),
+)
+EXTREMES = (
+    "1e308",
+    "-1e308",
+    "1e-300",
+    "-28e300",
+    "1e400",
+    "0",
+    "-1",
+    "inf",
+    "nan",
+    "5e-324",
+    "1e150",
+    "1e-150",
+    "9" * 400,
+)
 UNITS = (
-    "ft**9**9**9", "lb**9**9**9", "m**999999999", "kg**-99999999999", "ft^(9^9^9)", "((((((((m))))))))", "m/0", "1/0", "lb*" * 12 + "lb",
-    "deg**1e9", "2**99999 ft", "ft**9.9e99", "furlong/fortnight", "", " ", "\x1b[31m", "٣ ft", "m" * 5000, "%", "degC", "dB", "__import__",
-)  # fmt: skip
+    "ft**9**9**9",
+    "lb**9**9**9",
+    "m**999999999",
+    "kg**-99999999999",
+    "ft^(9^9^9)",
+    "((((((((m))))))))",
+    "m/0",
+    "1/0",
+    "lb*" * 12 + "lb",
+    "deg**1e9",
+    "2**99999 ft",
+    "ft**9.9e99",
+    "furlong/fortnight",
+    "",
+    " ",
+    "\x1b[31m",
+    "٣ ft",
+    "m" * 5000,
+    "%",
+    "degC",
+    "dB",
+    "__import__",
+)
 
 
 def spoiled_table(text: str, draw: random.Random) -> bytes:
@@ -34,7 +71,9 @@ def _joined(rows: list[list[str]]) -> bytes:
     return ("\n".join(",".join(row) for row in rows) + "\n").encode()
 
 
-def _cells(value: Callable[[str, random.Random], str], column: int | None = None) -> Callable[[str, random.Random], bytes]:
+def _cells(
+    value: Callable[[str, random.Random], str], column: int | None = None
+) -> Callable[[str, random.Random], bytes]:
     def spoil(text: str, draw: random.Random) -> bytes:
         rows = _rows(text)
         at = draw.randrange(len(rows[0])) if column is None else column
@@ -98,22 +137,46 @@ _TABLES: tuple[Callable[[str, random.Random], bytes], ...] = (
     _cells(lambda cell, draw: draw.choice(EXTREMES)),
     _cells(lambda cell, draw: draw.choice(EXTREMES), 0),
     _cells(lambda cell, draw: cell.translate(draw.choice((ARABIC, WIDE)))),
-    _cells(lambda cell, draw: draw.choice((CONTROL, HTML, "1_000", "0x10", "1,5", "--", '"', "\0", DIGITS, "TRUE", "1e", "+", "１.0"))),
+    _cells(
+        lambda cell, draw: draw.choice(
+            (
+                CONTROL,
+                HTML,
+                "1_000",
+                "0x10",
+                "1,5",
+                "--",
+                '"',
+                "\0",
+                DIGITS,
+                "TRUE",
+                "1e",
+                "+",
+                "１.0",
+            )
+        )
+    ),
     _header(lambda cell, draw: cell + CONTROL),
     _header(lambda cell, draw: f"{cell} [{draw.choice(UNITS)}]"),
     _header(lambda cell, draw: cell + "_" + "x" * 140_000),
-    _header(lambda cell, draw: draw.choice(("", '"', HTML, cell + " [deg", "time", "alpha", "\ufeff" + cell, "٣"))),
+    _header(
+        lambda cell, draw: draw.choice(
+            ("", '"', HTML, cell + " [deg", "time", "alpha", "\ufeff" + cell, "٣")
+        )
+    ),
     _missing_rows,
     _uneven,
     _few,
     _stretched,
     _scaled,
     _bytes,
-    lambda text, draw: _joined([row if k else row * draw.choice((2, 400)) for k, row in enumerate(_rows(text))]),
+    lambda text, draw: _joined(
+        [row if k else row * draw.choice((2, 400)) for k, row in enumerate(_rows(text))]
+    ),
     lambda text, draw: _joined(_rows(text)[:1] + _rows(text)[:0:-1]),
     lambda text, draw: text.encode("utf-16"),
     lambda text, draw: text.encode("utf-8-sig"),
-    lambda text, draw: gzip.compress(text.encode())[: draw.choice((10, 60, -9))],
+    lambda text, draw: gzip.compress(text.encode(), mtime=0)[: draw.choice((10, 60, -9))],
     lambda text, draw: draw.randbytes(draw.choice((1, 100, 5000))),
     lambda text, draw: text.replace(",", draw.choice((";", "\t", " ", "|", "\0"))).encode(),
     lambda text, draw: text.encode() + text.encode(),
@@ -125,11 +188,38 @@ def spoiled_toml(text: str, draw: random.Random) -> bytes:
     lines = text.splitlines()
     at = draw.choice([k for k, line in enumerate(lines) if "=" in line])
     key = lines[at].split("=")[0].strip()
-    nested = draw.choice(("[" * DEEP + "]" * DEEP, "{a=" * DEEP + "1" + "}" * DEEP, "[" * DEEP, "[" * 400 + "]" * 400))
+    nested = draw.choice(
+        (
+            "[" * DEEP + "]" * DEEP,
+            "{a=" * DEEP + "1" + "}" * DEEP,
+            "[" * DEEP,
+            "[" * 400 + "]" * 400,
+        )
+    )
     values = (
-        nested, DIGITS, "-" + DIGITS, f"0.{DIGITS}", f'"{DIGITS} m"', "true", "[]", "{}", "[1, 2]", '""', "1979-05-27", "0x10", "1_000.0", "'''",
-        f'"{HTML}"', '"\\u001b[31mred"', '"٣ m"', "٣", "1e", f'"{"x" * 20_000}"', *EXTREMES, *(f'"1 {unit}"' for unit in UNITS if "\x1b" not in unit),
-    )  # fmt: skip
+        nested,
+        DIGITS,
+        "-" + DIGITS,
+        f"0.{DIGITS}",
+        f'"{DIGITS} m"',
+        "true",
+        "[]",
+        "{}",
+        "[1, 2]",
+        '""',
+        "1979-05-27",
+        "0x10",
+        "1_000.0",
+        "'''",
+        f'"{HTML}"',
+        '"\\u001b[31mred"',
+        '"٣ m"',
+        "٣",
+        "1e",
+        f'"{"x" * 20_000}"',
+        *EXTREMES,
+        *(f'"1 {unit}"' for unit in UNITS if "\x1b" not in unit),
+    )
     kinds: tuple[Callable[[], bytes], ...] = (
         lambda: _lines(lines, at, f"{key} = {draw.choice(values)}"),
         lambda: _lines(lines, at, f"{key} = {draw.choice(values)}"),
@@ -161,7 +251,17 @@ def spoiled_json(text: str, draw: random.Random) -> bytes:
     """A JSON file with one to three values of its tree replaced, or its text spoiled."""
     if draw.random() < 0.15:
         return draw.choice(
-            (b"", b"[]", b"null", b"{", text.encode()[: draw.randrange(len(text))], b"[" * DEEP, b'{"a":' * DEEP, draw.randbytes(300), text.encode("utf-16"))
+            (
+                b"",
+                b"[]",
+                b"null",
+                b"{",
+                text.encode()[: draw.randrange(len(text))],
+                b"[" * DEEP,
+                b'{"a":' * DEEP,
+                draw.randbytes(300),
+                text.encode("utf-16"),
+            )
         )
     tree: Any = json.loads(text)
     for _ in range(draw.choice((1, 1, 2, 3))):
@@ -181,7 +281,11 @@ def _spoiled_tree(tree: Any, draw: random.Random) -> Any:
     if action == 0:
         del holder[key]
     elif action == 1 and isinstance(holder[key], dict | list):
-        holder[key] = list(holder[key].values()) if isinstance(holder[key], dict) else {str(k): v for k, v in enumerate(holder[key])}
+        holder[key] = (
+            list(holder[key].values())
+            if isinstance(holder[key], dict)
+            else {str(k): v for k, v in enumerate(holder[key])}
+        )
     elif action == 2:
         holder[key] = str(holder[key])
     else:
@@ -190,10 +294,38 @@ def _spoiled_tree(tree: Any, draw: random.Random) -> Any:
 
 
 _VALUES: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1.5, 10**30, 1e308, "", "1.5", HTML, CONTROL, "٣", [], {}, [[]], [1, "a", None], {"a": 1}, "x" * 100_000, list(range(20_000)),
-    Raw("NaN"), Raw("Infinity"), Raw("-1e999"), Raw(DIGITS), Raw("1e-400"), Raw("[" * DEEP + "]" * DEEP), Raw('{"a":' * DEEP + "1" + "}" * DEEP), "\ud800", "\0",
-    "../../etc/passwd", "/dev/zero",
-)  # fmt: skip
+    None,
+    True,
+    False,
+    0,
+    -1,
+    1.5,
+    10**30,
+    1e308,
+    "",
+    "1.5",
+    HTML,
+    CONTROL,
+    "٣",
+    [],
+    {},
+    [[]],
+    [1, "a", None],
+    {"a": 1},
+    "x" * 100_000,
+    list(range(20_000)),
+    Raw("NaN"),
+    Raw("Infinity"),
+    Raw("-1e999"),
+    Raw(DIGITS),
+    Raw("1e-400"),
+    Raw("[" * DEEP + "]" * DEEP),
+    Raw('{"a":' * DEEP + "1" + "}" * DEEP),
+    "\ud800",
+    "\0",
+    "../../etc/passwd",
+    "/dev/zero",
+)
 
 
 def _places(tree: Any) -> list[tuple[Any, Any]]:
@@ -201,7 +333,13 @@ def _places(tree: Any) -> list[tuple[Any, Any]]:
     left = [tree]
     while left:
         holder = left.pop()
-        for key in holder if isinstance(holder, dict) else range(len(holder)) if isinstance(holder, list) else ():
+        for key in (
+            holder
+            if isinstance(holder, dict)
+            else range(len(holder))
+            if isinstance(holder, list)
+            else ()
+        ):
             out.append((holder, key))
             left.append(holder[key])
     return out
@@ -211,7 +349,11 @@ def _dumped(tree: Any) -> str:
     if isinstance(tree, Raw):
         return str(tree)
     if isinstance(tree, dict):
-        return "{" + ",".join(f"{json.dumps(key)}:{_dumped(value)}" for key, value in tree.items()) + "}"
+        return (
+            "{"
+            + ",".join(f"{json.dumps(key)}:{_dumped(value)}" for key, value in tree.items())
+            + "}"
+        )
     if isinstance(tree, list):
         return "[" + ",".join(map(_dumped, tree)) + "]"
     return json.dumps(tree)
@@ -252,10 +394,25 @@ _LATER = (
     "__import__('os').write(2, b'') or print('said')",
 )
 _TOP = (
-    "import sys; sys.exit(0)", "raise KeyboardInterrupt", "raise GeneratorExit", "raise BaseException('x')", "raise SystemExit(3)",
-    "def f(): return f()\nf()", "raise MemoryError", "MODEL = None", "MODEL = 1", "del MODEL", "import no_such_module", "(((", "'\\x1b[31m'.fail",
-    "raise ExceptionGroup('many', [ValueError(1)])", "assert False, '\\x1b[31mred'", "1/0", "int('9' * 5000)", "raise type('E\\x1b[31m', (Exception,), {})('x')",
-)  # fmt: skip
+    "import sys; sys.exit(0)",
+    "raise KeyboardInterrupt",
+    "raise GeneratorExit",
+    "raise BaseException('x')",
+    "raise SystemExit(3)",
+    "def f(): return f()\nf()",
+    "raise MemoryError",
+    "MODEL = None",
+    "MODEL = 1",
+    "del MODEL",
+    "import no_such_module",
+    "(((",
+    "'\\x1b[31m'.fail",
+    "raise ExceptionGroup('many', [ValueError(1)])",
+    "assert False, '\\x1b[31mred'",
+    "1/0",
+    "int('9' * 5000)",
+    "raise type('E\\x1b[31m', (Exception,), {})('x')",
+)
 
 
 def spoiled_model(text: str, draw: random.Random) -> bytes:
@@ -263,8 +420,21 @@ def spoiled_model(text: str, draw: random.Random) -> bytes:
     if draw.random() < 0.3:
         return f"{text}\n{draw.choice(_TOP)}\n".encode()
     if draw.random() < 0.2:
-        swaps = (("60.0", "1e308"), ("-2.0", "1e300"), ("8.0", "float('nan')"), ('"1/s"', "'ft**9**9**9'"), ('"roll"', "'\\x1b[31mred'"), ('"rad"', "'x' * 9999"))
+        swaps = (
+            ("60.0", "1e308"),
+            ("-2.0", "1e300"),
+            ("8.0", "float('nan')"),
+            ('"1/s"', "'ft**9**9**9'"),
+            ('"roll"', "'\\x1b[31mred'"),
+            ('"rad"', "'x' * 9999"),
+        )
         return text.replace(*draw.choice(swaps), 1).encode()
     rates = _LATE.format(after=draw.choice((0, 30, 60, 200, 1000)), late=draw.choice(_LATER))
     begin = text.index("rates=lambda")
-    return (text[: text.index("MODEL")] + rates + text[text.index("MODEL") : begin] + "rates=rates,\n    " + text[text.index("readings=") :]).encode()
+    return (
+        text[: text.index("MODEL")]
+        + rates
+        + text[text.index("MODEL") : begin]
+        + "rates=rates,\n    "
+        + text[text.index("readings=") :]
+    ).encode()
