@@ -7,8 +7,10 @@ import errno
 import os
 import re
 import sys
+from traceback import walk_tb
 from typing import Any
 
+from scenarios.files.python_files import MODULE
 from sim.errors import FlightidError
 
 LONGEST_WORD = 300  # characters of a path or name; the middle of a longer one is left out
@@ -24,9 +26,13 @@ class Stopped(Exception):
 def report(error: BaseException) -> int:
     """Print one line for an error and return the exit code: 2 bad usage or input, 130 Ctrl-C, 1 anything else, 0 a clean exit.
 
+    What came through a user's model or effects is a fault of that file, SystemExit too.
+
     What a command keeps when it is stopped is the text of its KeyboardInterrupt; most keep nothing.
     The command-line library's own errors are known by their form, for it ships click under changing names.
     """
+    if not isinstance(error, FlightidError | MemoryError | KeyboardInterrupt) and (place := _in_users_file(error)):
+        return _say(f"{place}: {type(error).__name__}: {error}; mend that line", 2)
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else int(error.code is not None)
     if isinstance(error, FlightidError):
@@ -47,6 +53,15 @@ def report(error: BaseException) -> int:
     if hasattr(error, "exit_code"):
         return int(error.exit_code)
     return _say(f"internal error: {name}: {error}; run it again with --debug and report what it prints", 1)
+
+
+def _in_users_file(error: BaseException) -> str:
+    """File and line of the user's Python code that an error came through last; empty where it came through none."""
+    found = ""
+    for frame, line in walk_tb(error.__traceback__):
+        if str(frame.f_globals.get("__name__", "")).startswith(MODULE):
+            found = f"{frame.f_code.co_filename}, line {line}"
+    return found
 
 
 def _usage(error: Any) -> str:

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from scenarios.files.documents import found_json
+from scenarios.files.sources import resolved
 from scenarios.files.writing import write_json
 from sim.errors import FlightidError
 
@@ -56,7 +57,7 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
     ------
     FlightidError : ``path`` is a file or cannot be written, or a folder stands where a file of ours should go.
     """
-    target = Path(os.path.realpath(path))
+    target = resolved(path)
     if os.path.lexists(target) and not os.path.isdir(target):
         what = "this is a link that leads nowhere" if os.path.islink(target) else "this is a file, not a folder"
         raise FlightidError(what, where=str(path), remedy="name another folder")

@@ -11,6 +11,7 @@ from scenarios.files.sources import Source
 from sim.errors import DeclarationError, FlightidError, raised_by
 
 WANTED = "a Python file"
+MODULE = "flightid_of_user_"  # begins the name of every module that a user's file makes: tracebacks show by it whose code failed
 
 
 def run_python(source: Source, kind: str) -> ModuleType:
@@ -23,7 +24,7 @@ def run_python(source: Source, kind: str) -> ModuleType:
     path, where = source.path, str(source.path)
     if path.suffix != ".py":
         raise DeclarationError("this is no Python file", where=where, remedy="name a file that ends in .py")
-    name = f"flightid_{kind}_{path.stem}"
+    name = f"{MODULE}{kind}_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)

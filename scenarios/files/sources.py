@@ -69,6 +69,11 @@ def read_content(path: Path, error: type[FlightidError], wanted: str, most: int)
         raise error(f"cannot be read ({fault.strerror or fault})", where=where, remedy="check the file and its permissions") from None
 
 
+def resolved(path: str | Path) -> Path:
+    """A path without links in it; a circle of links stays as it is, for whoever opens it to name."""
+    return Path(os.path.realpath(path))
+
+
 def too_large(error: type[FlightidError], where: str, size: str, most: int, remedy: str = "") -> FlightidError:
     """The error for a file beyond a limit; ``size`` says how large it is, in words that go before "is more than"."""
     limit = f"{most >> 20} MiB" if most >= 1 << 20 else f"{most} bytes"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.files.documents import read_json
+from scenarios.files.sources import resolved
 from scenarios.side_by_side.responses import read_responses
 from scenarios.side_by_side.value import Column, Value
 from sim.errors import DeclarationError
@@ -97,7 +98,7 @@ def _column(table: Mapping[str, Any], file: Path, method: str, content: Mapping[
         estimator, outcome = f"diagnose, {when}", content.get("verdict", "")
     seed = content.get("seed")
     return Column(
-        label=folder.resolve().name,
+        label=resolved(folder).name,
         folder=folder,
         method=method,
         title=str(content.get("title", "")),
@@ -142,7 +143,7 @@ def _number(value: Any) -> float | None:
 
 def _told_apart(columns: Sequence[Column]) -> tuple[Column, ...]:
     """Labels by folder, with as many of the folders above as it takes, and by method where a study stands there with several."""
-    paths = [column.folder.resolve() for column in columns]
+    paths = [resolved(column.folder) for column in columns]
     depth = 1
     while len({path.parts[-depth:] for path in paths}) < len(set(paths)):
         depth += 1

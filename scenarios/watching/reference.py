@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.files.documents import read_json
+from scenarios.files.sources import resolved
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.identification.low_order import DERIVED
 from scenarios.identification.low_order_filter import PAPER_START
@@ -70,7 +71,7 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
         return VehicleFile("x29", "loes", constants, dict(PAPER_START))
     known = {**reference.fixed, **{name: value for name, (value, _) in reference.values.items()}, **reference.plain}
     held = {name: reference.fixed.get(name, constants[name]) for name in LOES_CONSTANTS}
-    return VehicleFile(Path(reference.name).resolve().name, "loes", held, {name: known[name] for name in PAPER_START})
+    return VehicleFile(resolved(Path(reference.name)).name, "loes", held, {name: known[name] for name in PAPER_START})
 
 
 def _pairs(content: Mapping[str, Any], key: str, file: Path) -> dict[str, tuple[float, float]]:

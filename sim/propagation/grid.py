@@ -50,10 +50,13 @@ def make_grid(time: np.ndarray, max_step: float) -> Grid:
 
     Raises RecordError where that takes more than ``MOST_STEPS`` of them.
     """
-    gaps = np.diff(time)
+    with np.errstate(over="ignore"):  # of times at the ends of the range of floats
+        gaps = np.diff(time)
     usual = float(np.median(gaps))
     counted = np.maximum(1, np.ceil(gaps / (1.5 * usual) - 1e-9))
-    _refuse_endless(float(counted.sum()) * max(1.0, float(gaps.max() / counted[np.argmax(gaps)]) / max_step), gaps, max_step)
+    refuse_endless(
+        float(counted.sum()) * max(1.0, float(gaps.max() / counted[np.argmax(gaps)]) / max_step), gaps, max_step
+    )
     pieces = counted.astype(int)
     first = np.repeat(np.cumsum(pieces) - pieces, pieces)
     within = (np.arange(len(first)) - first) / np.repeat(pieces, pieces)
@@ -67,7 +70,8 @@ def make_grid(time: np.ndarray, max_step: float) -> Grid:
     return Grid(nodes, substeps, steps, edges, sample, source)
 
 
-def _refuse_endless(count: float, gaps: np.ndarray, max_step: float) -> None:
+def refuse_endless(count: float, gaps: np.ndarray, max_step: float) -> None:
+    """Raise RecordError where intervals ``gaps``, s, take more than ``MOST_STEPS`` steps; ``count`` is how many."""
     if count > MOST_STEPS:
         told = f"samples {gaps.min():.3g} to {gaps.max():.3g} s apart take {count:.2g} steps of {max_step:.2g} s or less"
         raise RecordError(told, where="column time", remedy="check the unit of the times, or read a part of them with --from and --to")

@@ -10,7 +10,7 @@ from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.cells import Table
 from scenarios.files.measured.sidecar import Sidecar, read_sidecar
 from scenarios.files.measured.tables import table_of
-from scenarios.files.sources import MOST_RECORD, InputFile, read_source
+from scenarios.files.sources import MOST_RECORD, InputFile, read_source, resolved
 from sim.errors import RecordError
 
 
@@ -68,13 +68,13 @@ def told_apart(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
     by_name: dict[str, list[Path]] = {}
     on_disk = [file for file in files if not file.in_memory]
     for file in on_disk:
-        by_name.setdefault(file.path.name, []).append(file.path.resolve())
+        by_name.setdefault(file.path.name, []).append(resolved(file.path))
     deep = {name: _depth(same) for name, same in by_name.items()}
 
     def named(file: RecordFile) -> RecordFile:
         if file.in_memory:
             return file
-        name = "/".join(file.path.resolve().parts[-deep[file.path.name] :])
+        name = "/".join(resolved(file.path).parts[-deep[file.path.name] :])
         return replace(file, identity=replace(file.identity, name=name))
 
     return tuple(named(file) for file in files)
@@ -108,7 +108,7 @@ def refuse_twice(records: Sequence[Path | RecordFile], remedy: str = "name each 
     seen: set[Path | int] = set()
     for record in records:
         path = path_of(record)
-        key = path.resolve() if path is not None else id(record)
+        key = resolved(path) if path is not None else id(record)
         if key in seen:
             raise RecordError("the record is named twice", where=_name_of(record), remedy=remedy)
         seen.add(key)

@@ -276,8 +276,8 @@ def test_packed_files_of_usual_size_are_read(flightid: CommandLine, place: Path)
         flightid.done("identify", name, *IDENTIFY[2:], "--method", "equation-error")
         for name in ("flight.csv", "packed.csv.gz", "packed.mat", "packed.parquet")
     ]
-    numbers = [text[text.index("parameter  ") :].partition("\n\n")[0] for text in tables]
-    assert len(set(numbers)) == 1
+    rows = [[line for line in text.splitlines() if line.startswith("  C")] for text in tables]
+    assert len(rows[0]) >= 6 and rows == [rows[0]] * len(rows)
 
 
 @pytest.mark.parametrize(
@@ -286,7 +286,6 @@ def test_packed_files_of_usual_size_are_read(flightid: CommandLine, place: Path)
         "x" * 300,
         "circle",
         "circle/study",
-        "there/study",
         "/dev/full",
         "flight.csv",
         "flight.csv/study",
@@ -294,7 +293,6 @@ def test_packed_files_of_usual_size_are_read(flightid: CommandLine, place: Path)
 )
 def test_a_folder_that_cannot_be_is_one_line(flightid: CommandLine, place: Path, out: str) -> None:
     os.symlink("circle", place / "circle")
-    os.symlink("nowhere/at/all", place / "there")
     before = contents(place)
     said = flightid.refused(
         *IDENTIFY, "--method", "equation-error", "--figures", "none", "--out", out
