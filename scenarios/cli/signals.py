@@ -1,4 +1,6 @@
-"""Signals that end the process from outside: handled as Ctrl-C is, so that nothing temporary stays behind, with their own exit codes."""
+"""Signals that end the process from outside: handled as Ctrl-C is, so that nothing temporary stays
+behind, with their own exit codes.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,11 @@ ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasatt
 
 @contextmanager
 def ending_signals() -> Iterator[list[int]]:
-    """While the body runs, SIGTERM and SIGHUP raise KeyboardInterrupt; the list holds the numbers of those that came.
+    """While the body runs, SIGTERM and SIGHUP raise KeyboardInterrupt; the list holds the numbers
+    of those that came.
 
-    A signal that the process was started to ignore, as ``nohup`` does, stays ignored. A fork ends at once, as it would without this.
+    A signal that the process was started to ignore, as ``nohup`` does, stays ignored. A fork ends
+    at once, as it would without this.
     """
     came: list[int] = []
     if threading.current_thread() is not threading.main_thread():

@@ -17,7 +17,9 @@ _SHOWN = 40  # characters of what is wrong
 
 
 class DocumentError(ValueError):
-    """A text that is no JSON or TOML, or holds what no file of ours does; its text says what, in a few words, and ``key`` where if that is known."""
+    """A text that is no JSON or TOML, or holds what no file of ours does; its text says what, in a
+    few words, and ``key`` where if that is known.
+    """
 
     def __init__(self, what: str, key: str = "") -> None:
         super().__init__(what)
@@ -29,7 +31,8 @@ def json_value(content: bytes | str) -> Any:
 
     Raises
     ------
-    DocumentError : it is not UTF-8, no JSON, nested deeper than ``DEEPEST``, or holds a number that is not finite or has too many digits.
+    DocumentError : it is not UTF-8, no JSON, nested deeper than ``DEEPEST``, or holds a number
+        that is not finite or has too many digits.
     """
     try:
         value = json.loads(content, parse_int=_whole, parse_constant=_constant)
@@ -50,7 +53,8 @@ def toml_value(text: str) -> dict[str, Any]:
 
     Raises
     ------
-    DocumentError : it is no TOML, nested deeper than ``DEEPEST``, or holds a whole number of too many digits.
+    DocumentError : it is no TOML, nested deeper than ``DEEPEST``, or holds a whole number of
+        too many digits.
     """
     try:
         value = tomllib.loads(text)
@@ -59,27 +63,38 @@ def toml_value(text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise DocumentError(f"not valid TOML: {' '.join(str(error).split())}") from None
     except ValueError:  # Python's own limit of digits, and dates that no calendar has
-        raise DocumentError(f"not valid TOML: a number of more than {MOST_DIGITS} digits, or no date") from None
+        raise DocumentError(
+            f"not valid TOML: a number of more than {MOST_DIGITS} digits, or no date"
+        ) from None
     _refuse_extremes(value, finite=False)
     return value
 
 
-def read_json(path: Path, error: type[FlightidError] = DeclarationError, wanted: str = "the folder of a study") -> Any:
+def read_json(
+    path: Path, error: type[FlightidError] = DeclarationError, wanted: str = "the folder of a study"
+) -> Any:
     """The value of a JSON file.
 
     Raises
     ------
-    FlightidError : of the kind ``error``: it cannot be read, or as ``json_value``; the line names the file and what to name instead, ``wanted``.
+    FlightidError : of the kind ``error``: it cannot be read, or as ``json_value``; the line
+        names the file and what to name instead, ``wanted``.
     """
     content = read_content(path, error, wanted, MOST_DOCUMENT)
     try:
         return json_value(content)
     except DocumentError as fault:
-        raise error(str(fault), where=f"{path}, key {fault.key}" if fault.key else str(path), remedy=f"name {wanted}") from None
+        raise error(
+            str(fault),
+            where=f"{path}, key {fault.key}" if fault.key else str(path),
+            remedy=f"name {wanted}",
+        ) from None
 
 
 def found_json(path: Path) -> Any:
-    """The value of a JSON file that may be another's or damaged: None where there is none or it is no strict JSON."""
+    """The value of a JSON file that may be another's or damaged: None where there is none or it is
+    no strict JSON.
+    """
     try:
         return read_json(path)
     except DeclarationError:
@@ -105,11 +120,17 @@ def _refuse_extremes(value: Any, *, finite: bool) -> None:
         inner: list[tuple[str, Any]] = []
         for key, each in level:
             if isinstance(each, dict):
-                inner += [(f"{key}.{name}" if key else str(name), item) for name, item in each.items()]
+                inner += [
+                    (f"{key}.{name}" if key else str(name), item) for name, item in each.items()
+                ]
             elif isinstance(each, list):
                 inner += [(key, item) for item in each]
             elif isinstance(each, int) and abs(each) >= 10**MOST_DIGITS:
-                raise DocumentError(f"{str(each)[:_SHOWN]}... is not a number to compute with: it has more than {MOST_DIGITS} digits", key)
+                raise DocumentError(
+                    f"{str(each)[:_SHOWN]}... is not a number to compute with: "
+                    f"it has more than {MOST_DIGITS} digits",
+                    key,
+                )
             elif finite and isinstance(each, float) and not math.isfinite(each):
                 raise DocumentError("a number beyond the range of floats", key)
         level, depth = inner, depth + 1

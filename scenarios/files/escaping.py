@@ -1,4 +1,6 @@
-"""Control characters that came with headers, names and files, shown instead of obeyed: at the border where text leaves the program."""
+"""Control characters that came with headers, names and files, shown instead of obeyed: at the
+border where text leaves the program.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +9,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, cast
 
-# Besides the control characters proper: line separators, and marks that turn the direction of writing, by which a text shows other than it is.
-_HIDDEN = (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029, *range(0x202A, 0x202F), *range(0x2066, 0x206A))
+# Besides the control characters proper: line separators, and marks that turn the direction of
+# writing, by which a text shows other than it is.
+_HIDDEN = (
+    *range(0x20),
+    *range(0x7F, 0xA0),
+    0x2028,
+    0x2029,
+    *range(0x202A, 0x202F),
+    *range(0x2066, 0x206A),
+)
 _SHOWN = {number: f"\\u{number:04x}" for number in _HIDDEN if chr(number) not in "\n\t"}
 
 
 def escaped(text: str) -> str:
-    """The text with every control character but line ends and tabs as ``\\u001b``, which JSON reads back as it was."""
+    """The text with every control character but line ends and tabs as ``\\u001b``, which JSON reads
+    back as it was.
+    """
     return text if text.isascii() and text.isprintable() else text.translate(_SHOWN)
 
 
@@ -41,7 +53,9 @@ class EscapedStream:
 def escaped_streams() -> Iterator[None]:
     """Escape what is printed on stdout and stderr while the body runs."""
     out, err = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = (None if each is None else cast(Any, EscapedStream(each)) for each in (out, err))
+    sys.stdout, sys.stderr = (
+        None if each is None else cast(Any, EscapedStream(each)) for each in (out, err)
+    )
     try:
         yield
     finally:
@@ -49,5 +63,7 @@ def escaped_streams() -> Iterator[None]:
 
 
 def styled_stream(stream: Any) -> Any:
-    """The stream below the escaping, for what writes styles of its own and escapes its texts itself."""
+    """The stream below the escaping, for what writes styles of its own and escapes its texts
+    itself.
+    """
     return stream.inner if isinstance(stream, EscapedStream) else stream

@@ -1,4 +1,6 @@
-"""Files opened once: their bytes, and the hash of just these bytes; what has no end or is too large is refused before it is read."""
+"""Files opened once: their bytes, and the hash of just these bytes; what has no end or is too large
+is refused before it is read.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +14,12 @@ from pathlib import Path
 
 from sim.errors import FlightidError
 
-MOST_RECORD = 1 << 30  # bytes of a record file, as it stands and unpacked: a few times that has room in memory
-MOST_DECLARED = 1 << 22  # bytes of a TOML or Python file: the parser takes a second for each million
+MOST_RECORD = (
+    1 << 30
+)  # bytes of a record file, as it stands and unpacked: a few times that has room in memory
+MOST_DECLARED = (
+    1 << 22
+)  # bytes of a TOML or Python file: the parser takes a second for each million
 MOST_DOCUMENT = 1 << 27  # bytes of a JSON document of ours, which may hold figures
 PATIENCE = 5.0  # s, in which a program must begin to write into a pipe
 _PIECE = 1 << 20
@@ -29,14 +35,18 @@ class InputFile:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A file as it was read: what is later written under its name changes neither the content here nor the hash."""
+    """A file as it was read: what is later written under its name changes neither the content here
+    nor the hash.
+    """
 
     path: Path
     content: bytes
     identity: InputFile
 
 
-def read_source(path: str | Path, error: type[FlightidError], wanted: str, most: int = MOST_DECLARED) -> Source:
+def read_source(
+    path: str | Path, error: type[FlightidError], wanted: str, most: int = MOST_DECLARED
+) -> Source:
     """Open a file, once.
 
     Parameters
@@ -48,7 +58,8 @@ def read_source(path: str | Path, error: type[FlightidError], wanted: str, most:
 
     Raises
     ------
-    FlightidError : of the kind ``error``: there is no such file, it is a folder, a device or a pipe that nothing writes into,
+    FlightidError : of the kind ``error``: there is no such file, it is a folder, a device or a
+        pipe that nothing writes into,
         it is larger than ``most`` bytes, or it cannot be read.
     """
     path = Path(path)
@@ -66,18 +77,30 @@ def read_content(path: Path, error: type[FlightidError], wanted: str, most: int)
     except IsADirectoryError:
         raise error("this is a folder", where=where, remedy=f"name {wanted} in it") from None
     except OSError as fault:
-        raise error(f"cannot be read ({fault.strerror or fault})", where=where, remedy="check the file and its permissions") from None
+        raise error(
+            f"cannot be read ({fault.strerror or fault})",
+            where=where,
+            remedy="check the file and its permissions",
+        ) from None
 
 
 def resolved(path: str | Path) -> Path:
-    """A path without links in it; a circle of links stays as it is, for whoever opens it to name."""
+    """A path without links in it; a circle of links stays, for whoever opens it to name."""
     return Path(os.path.realpath(path))
 
 
-def too_large(error: type[FlightidError], where: str, size: str, most: int, remedy: str = "") -> FlightidError:
-    """The error for a file beyond a limit; ``size`` says how large it is, in words that go before "is more than"."""
+def too_large(
+    error: type[FlightidError], where: str, size: str, most: int, remedy: str = ""
+) -> FlightidError:
+    """The error for a file beyond a limit; ``size`` says how large it is, in words that go before
+    "is more than".
+    """
     limit = f"{most >> 20} MiB" if most >= 1 << 20 else f"{most} bytes"
-    return error(f"{size} is more than the {limit} that are read at most", where=where, remedy=remedy or "name a smaller file")
+    return error(
+        f"{size} is more than the {limit} that are read at most",
+        where=where,
+        remedy=remedy or "name a smaller file",
+    )
 
 
 def _content(path: Path, error: type[FlightidError], wanted: str, most: int) -> bytes:
@@ -117,7 +140,9 @@ def _piece(handle: int) -> bytes:
 
 
 def _first_piece(handle: int) -> bytes:
-    """The first bytes of a pipe; none where no program has come to write into it before ``PATIENCE`` is over."""
+    """The first bytes of a pipe; none where no program has come to write into it before
+    ``PATIENCE`` is over.
+    """
     until = time.monotonic() + PATIENCE
     while not (piece := _piece(handle)) and time.monotonic() < until:
         time.sleep(0.02)

@@ -50,7 +50,11 @@ def page_of(content: Mapping[str, Any]) -> Page:
     inputs = tuple((_text(use), _text(name), _text(digest)) for use, name, digest in _list(again["inputs"]))
     versions = {_text(name): _text(version) for name, version in _list(again["versions"])}
     return Page(
-        *(_text(content[key]) for key in ("title", "kind", "verdict", "tone", "sentence")),
+        _text(content["title"]),
+        _text(content["kind"]),
+        _text(content["verdict"]),
+        _text(content["tone"]),
+        _text(content["sentence"]),
         _texts(content["summary"]),
         _texts(content["warnings"]),
         tuple(map(_section_of, _list(content["sections"]))),

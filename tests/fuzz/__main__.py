@@ -1,4 +1,6 @@
-"""`python -m tests.fuzz [FIRST [LAST]]`: malformed calls by their numbers, those that end wrongly printed."""
+"""`python -m tests.fuzz [FIRST [LAST]]`: malformed calls by their numbers, those that end wrongly
+printed.
+"""
 
 from __future__ import annotations
 

@@ -25,7 +25,9 @@ FIGURES = ["--figures", "none"]
 
 
 def case(number: int, material: Material, folder: Path) -> list[str]:
-    """The arguments of a malformed call; its files are written into ``folder``, which becomes the current one."""
+    """The arguments of a malformed call; its files are written into ``folder``, which becomes the
+    current one.
+    """
     draw = random.Random(number)
     return KINDS[number % len(KINDS)](material, folder, draw)
 
@@ -389,7 +391,9 @@ def _option(material: Material, folder: Path, draw: random.Random) -> list[str]:
 
 
 def _place(material: Material, folder: Path, draw: random.Random) -> list[str]:
-    """A path that is none: too long, a circle of links, a device, a pipe, a folder, a file where a folder must be."""
+    """A path that is none: too long, a circle of links, a device, a pipe, a folder, a file where a
+    folder must be.
+    """
     _take(material, folder, "vehicle.toml", "rigid.csv", "rigid.json", "fit", "study")
     os.symlink("circle", folder / "circle")
     os.symlink("there", folder / "back")

@@ -1,4 +1,6 @@
-"""A command in this process with a clock beside it, and whether it ended as a command may: refused in one line, or right."""
+"""A command in this process with a clock beside it, and whether it ended as a command may: refused
+in one line, or right.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,8 @@ def _clock(seconds: float, rang: list[bool]) -> Iterator[None]:
         rang.append(True)
         raise _TooLong
 
-    # Computing is measured in time of the processor, which does not hang on what else it does; waiting only by the clock on the wall.
+    # Computing is measured in time of the processor, which does not hang on what else it does;
+    # waiting only by the clock on the wall.
     limits = (
         (signal.SIGPROF, signal.ITIMER_PROF, seconds),
         (signal.SIGALRM, signal.ITIMER_REAL, 10.0 * seconds),
@@ -65,8 +68,14 @@ def _clock(seconds: float, rang: list[bool]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def _print_warning(message: object, kind: type[Warning], *_: object, **__: object) -> None:
+    print(f"{kind.__name__}: {message}", file=sys.stderr)
+
+
 def run(arguments: Sequence[str], folder: Path, seconds: float = LONGEST) -> Ended:
-    """Run ``flightid`` in this process with ``folder`` as the current one; warnings are printed as Python prints them."""
+    """Run ``flightid`` in this process with ``folder`` as the current one; warnings are printed as
+    Python prints them.
+    """
     out, err = (
         io.TextIOWrapper(
             io.BytesIO(), encoding="utf-8", errors="backslashreplace", write_through=True
@@ -84,9 +93,7 @@ def run(arguments: Sequence[str], folder: Path, seconds: float = LONGEST) -> End
             contextlib.redirect_stderr(err),
         ):
             warnings.simplefilter("default")
-            warnings.showwarning = lambda message, kind, *_: print(
-                f"{kind.__name__}: {message}", file=sys.stderr
-            )  # type: ignore[assignment]
+            warnings.showwarning = _print_warning
             try:
                 with _clock(seconds, rang):
                     main(list(arguments))
@@ -96,15 +103,16 @@ def run(arguments: Sequence[str], folder: Path, seconds: float = LONGEST) -> End
                 code = f"{type(error).__name__}: {error}"
     finally:
         os.chdir(here)
-    streams = (stream.buffer.getvalue().decode("utf-8", "replace") for stream in (out, err))  # type: ignore[attr-defined]
-    return Ended(code, *streams, bool(rang))
+    said, told = (each.buffer.getvalue().decode("utf-8", "replace") for each in (out, err))  # type: ignore[attr-defined]
+    return Ended(code, said, told, bool(rang))
 
 
 def fault_of(ended: Ended, folder: Path, before: frozenset[str]) -> str:
     """What is wrong with the end of a command, empty where nothing is.
 
     A refusal is exit code 2 with one line on stderr and no new file; success is exit code 0 with finite numbers on stdout and in every JSON
-    file. Neither holds a control character, a traceback or a warning of a library. ``before``: the files that were there.
+    file. Neither holds a control character, a traceback or a warning of a library. ``before``: the
+    files that were there.
     """
     lines = [
         line for line in ended.err.splitlines() if not (_PROGRESS.match(line) or _ROW.match(line))

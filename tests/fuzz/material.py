@@ -1,4 +1,6 @@
-"""Sound inputs from which malformed ones are made: records, vehicle files, user models, study folders."""
+"""Sound inputs from which malformed ones are made: records, vehicle files, user models, study
+folders.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +73,9 @@ elevator = {column = "elevator"}
 
 @dataclass(frozen=True)
 class Material:
-    """A folder of sound inputs: files by name, and the study folders ``fit``, ``cause``, ``study`` and ``watched``."""
+    """A folder of sound inputs: files by name, and the study folders ``fit``, ``cause``, ``study``
+    and ``watched``.
+    """
 
     folder: Path
 

@@ -1,4 +1,6 @@
-"""Ways of spoiling texts, tables, TOML files, JSON trees and Python models, each a function of a seeded generator."""
+"""Ways of spoiling texts, tables, TOML files, JSON trees and Python models, each a function of a
+seeded generator.
+"""
 
 from __future__ import annotations
 

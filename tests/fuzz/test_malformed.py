@@ -1,4 +1,6 @@
-"""Malformed calls end as one line and exit code 2, or as a right result: a part of them by default, all 600 with ``-m slow``."""
+"""Malformed calls end as one line and exit code 2, or as a right result: a part of them by default,
+all 600 with ``-m slow``.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from tests.fuzz.cases import COUNT, KINDS, case
 from tests.fuzz.judging import Ended, fault_of, files_in, run
 from tests.fuzz.material import Material, make_material
 
-SHARE = 20  # of the cases one in so many belongs to the default suite; prime to the number of kinds, so that all of these come
+# of the cases one in so many belongs to the default suite; prime to the number of kinds, so that
+# all of these come
+SHARE = 20
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,12 @@
-"""How much a packed file unpacks to, found without unpacking it whole: a few bytes may stand for any number of them."""
+"""How much a packed file unpacks to, found without unpacking it whole: a few bytes may stand for
+any number of them.
+"""
 
 from __future__ import annotations
 
 import io
 import zlib
+from typing import Literal
 
 from scenarios.files.sources import MOST_RECORD, Source, too_large
 from sim.errors import RecordError
@@ -15,7 +18,9 @@ _MAT_HEADER = 128
 
 
 def refuse_oversized(source: Source) -> None:
-    """Raise RecordError where a Parquet or MAT file unpacks to more than is read; a file that is damaged is for its reader to name."""
+    """Raise RecordError where a Parquet or MAT file unpacks to more than is read; a file that is
+    damaged is for its reader to name.
+    """
     suffix = source.path.suffix.lower()
     if suffix in (".parquet", ".pq") and _numbers_in_parquet(source.content) > MOST_NUMBERS:
         raise _oversized(source)
@@ -24,7 +29,13 @@ def refuse_oversized(source: Source) -> None:
 
 
 def _oversized(source: Source) -> RecordError:
-    error = too_large(RecordError, str(source.path), "what it unpacks to", MOST_RECORD, "give a part of its rows or columns")
+    error = too_large(
+        RecordError,
+        str(source.path),
+        "what it unpacks to",
+        MOST_RECORD,
+        "give a part of its rows or columns",
+    )
     assert isinstance(error, RecordError)
     return error
 
@@ -42,10 +53,12 @@ def _numbers_in_parquet(content: bytes) -> int:
 
 def _unpacked_by_mat(content: bytes) -> int:
     """Bytes of all elements of a MAT file of version 5, counted until there are too many."""
-    order = "little" if content[126:128] == b"IM" else "big"
+    order: Literal["little", "big"] = "little" if content[126:128] == b"IM" else "big"
     at, total = _MAT_HEADER, 0
     while at + 8 <= len(content) and total <= MOST_RECORD:
-        kind, size = (int.from_bytes(content[at + shift : at + shift + 4], order) for shift in (0, 4))  # type: ignore[arg-type]
+        kind, size = (
+            int.from_bytes(content[at + shift : at + shift + 4], order) for shift in (0, 4)
+        )
         body = content[at + 8 : at + 8 + size]
         total += _unpacked(body, MOST_RECORD - total) if kind == _COMPRESSED else len(body)
         at += 8 + size
