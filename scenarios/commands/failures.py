@@ -88,6 +88,7 @@ def _say(text: str, code: int) -> int:
     line = re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: f"{word[0][: LONGEST_WORD // 2]}...{word[0][-LONGEST_WORD // 4 :]}", line)
     if len(line) > LONGEST:
         line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
-    with contextlib.suppress(OSError, ValueError):  # stderr may be full or closed; the exit code says enough
-        print(f"flightid: {line}", file=sys.stderr)
+    if sys.stderr is not None:  # it may be closed, or full: the exit code says enough then
+        with contextlib.suppress(OSError, ValueError):
+            print(f"flightid: {line}", file=sys.stderr)
     return code

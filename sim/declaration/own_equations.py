@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -17,6 +17,7 @@ from sim.errors import FlightidError, ModelError, raised_by
 from sim.maths.elementary import plus
 
 HERE = Path(__file__).parent
+_NUMBERS = frozenset({float, np.float64, complex, np.complex128, int})
 Answer = Callable[[Any, Any], Mapping[str, Any]]
 
 
@@ -72,9 +73,7 @@ class OwnEquations:
             return dict.fromkeys(self.formed_names, math.nan)
         except BaseException as error:
             raise fault(self.name, "flow", self.formed, error, s, p) from None
-        for name, value in answers.items():
-            if type(value) is not float and type(value) is not np.float64:
-                self._check("flow", self.formed, name, value, s, p)
+        self._check_all("flow", self.formed, answers.items(), s, p)
         return answers
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
@@ -94,10 +93,17 @@ class OwnEquations:
             return [math.nan for _ in signals]
         except BaseException as error:
             raise fault(self.name, what, function, error, s, p) from None
-        for signal, value in zip(signals, answers, strict=True):
-            if type(value) is not float and type(value) is not np.float64:
-                self._check(what, function, signal.name, value, s, p)
+        self._check_all(what, function, zip((each.name for each in signals), answers, strict=True), s, p)
         return answers
+
+    def _check_all(self, what: str, function: Answer, answers: Iterable[tuple[str, Any]], s: Any, p: Any) -> None:
+        """Check each answer; plain numbers, and arrays of floats in the shape of the first state, need no second look."""
+        shape = np.shape(getattr(s, self.states[0].name))
+        for name, value in answers:
+            kind = type(value)
+            if kind in _NUMBERS or (kind is np.ndarray and value.shape == shape and value.dtype.kind in "fc"):
+                continue
+            self._check(what, function, name, value, s, p)
 
     def _check(self, what: str, function: Answer, name: str, value: Any, s: Any, p: Any) -> None:
         """Raise ModelError for an answer that is no number, or of a shape that no signal has: it may be another than when it was tried."""

@@ -16,6 +16,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 from scenarios.cli import main
 
@@ -68,7 +69,14 @@ def _clock(seconds: float, rang: list[bool]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _print_warning(message: object, kind: type[Warning], *_: object, **__: object) -> None:
+def _print_warning(
+    message: Warning | str,
+    kind: type[Warning],
+    file: str,
+    line: int,
+    stream: TextIO | None = None,
+    source: str | None = None,
+) -> None:
     print(f"{kind.__name__}: {message}", file=sys.stderr)
 
 
@@ -103,7 +111,7 @@ def run(arguments: Sequence[str], folder: Path, seconds: float = LONGEST) -> End
                 code = f"{type(error).__name__}: {error}"
     finally:
         os.chdir(here)
-    said, told = (each.buffer.getvalue().decode("utf-8", "replace") for each in (out, err))  # type: ignore[attr-defined]
+    said, told = (each.buffer.getvalue().decode("utf-8", "replace") for each in (out, err))
     return Ended(code, said, told, bool(rang))
 
 

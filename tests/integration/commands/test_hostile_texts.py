@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scenarios.commands.failures import report
 from scenarios.files.documents import DEEPEST, DocumentError, json_value, toml_value
+from scenarios.files.python_files import run_python
+from scenarios.files.sources import read_source
 from scenarios.files.units import to_si
-from sim.errors import RecordError
+from sim.errors import DeclarationError, RecordError
 from tests.integration.command_line import VEHICLE, CommandLine, contents
 
 DEEP = 10_000
@@ -444,3 +447,16 @@ def test_a_time_at_the_end_of_the_numbers_is_one_line(
     _, _, rest = rows[-1].partition(",")
     (place / "flight.csv").write_text("\n".join([*rows[:-1], f"{last},{rest}"]))
     assert "time" in flightid.refused(*IDENTIFY[:-1], method)
+
+
+@pytest.mark.parametrize("late", ["raise SystemExit(0)", "raise GeneratorExit", "1 / 0"])
+def test_what_comes_through_a_users_file_is_its_fault(
+    place: Path, capsys: pytest.CaptureFixture[str], late: str
+) -> None:
+    """Effects are called from many places; whichever it was, their file and line are named."""
+    (place / "effects.py").write_text(f"def read(s):\n    {late}\n")
+    read = run_python(read_source("effects.py", DeclarationError, "a file"), "effects").read
+    with pytest.raises(BaseException) as raised:
+        read(None)
+    assert report(raised.value) == 2
+    assert capsys.readouterr().err.startswith("flightid: effects.py, line 2: ")
