@@ -71,13 +71,13 @@ def _clock(seconds: float, rang: list[bool]) -> Iterator[None]:
 
 def _print_warning(
     message: Warning | str,
-    kind: type[Warning],
-    file: str,
-    line: int,
-    stream: TextIO | None = None,
-    source: str | None = None,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
 ) -> None:
-    print(f"{kind.__name__}: {message}", file=sys.stderr)
+    print(f"{category.__name__}: {message}", file=sys.stderr)
 
 
 def run(arguments: Sequence[str], folder: Path, seconds: float = LONGEST) -> Ended:
