@@ -54,9 +54,7 @@ _DEGREE = math.pi / 180.0
 _FACTOR = re.compile(r"([*/]?)(rad|deg|kg|Pa|N|m|s|1)(?:\*\*(-?\d+))?(?=[*/]|$)", re.ASCII)
 _LONGEST = 40  # characters of a unit: what is longer is none, and takes the parser long
 # Powers beyond two digits, powers of powers and large numbers are no units; the library would work them out.
-_EXPLOSIVE = re.compile(
-    r"\*\*[-+]?\(|\*\*[-+]?\d{3}|\*\*[-+]?[\d.]+\*\*|\)\*\*.*\)\*\*|\d{7}|\d[eE][-+]?\d{2}", re.ASCII
-)
+_EXPLOSIVE = re.compile(r"\*\*[-+]?\(|\*\*[-+]?\d{3}|\*\*[-+]?[\d.]+\*\*|\)\*\*.*\)\*\*|\d{7}|\d[eE][-+]?\d{2}", re.ASCII)
 _GRAVITIES = ("g", "G", "gs", "g0", "g_0", "gee")
 _ALIASES = {"°": "deg", "lbm": "lb", "psf": "lbf/ft**2", "NM": "nautical_mile"}
 _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "grade", "revolutions_per_minute", "revolutions_per_second")

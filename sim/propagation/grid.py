@@ -54,9 +54,7 @@ def make_grid(time: np.ndarray, max_step: float) -> Grid:
         gaps = np.diff(time)
     usual = float(np.median(gaps))
     counted = np.maximum(1, np.ceil(gaps / (1.5 * usual) - 1e-9))
-    refuse_endless(
-        float(counted.sum()) * max(1.0, float(gaps.max() / counted[np.argmax(gaps)]) / max_step), gaps, max_step
-    )
+    refuse_endless(float(counted.sum()) * max(1.0, float(gaps.max() / counted[np.argmax(gaps)]) / max_step), gaps, max_step)
     pieces = counted.astype(int)
     first = np.repeat(np.cumsum(pieces) - pieces, pieces)
     within = (np.arange(len(first)) - first) / np.repeat(pieces, pieces)
