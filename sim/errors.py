@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dis
+from types import CodeType
+
 
 class FlightidError(Exception):
     """A wrong declaration or bad input, in one line.
@@ -29,3 +32,24 @@ class ModelError(FlightidError):
 
 class DeclarationError(FlightidError):
     """A vehicle, scenario or channel-map file that is wrong."""
+
+
+def raised_by(error: BaseException, file: str) -> bool:
+    """Whether an exception is a fault of the code in ``file``, not a request from outside to stop.
+
+    Every ``Exception`` is, and so are SystemExit and GeneratorExit, which a function that is called for a value has no reason to raise.
+    Any other, KeyboardInterrupt among them, is where a ``raise`` statement of that file raised it: an interrupt from the keyboard
+    arrives between statements.
+    """
+    if isinstance(error, Exception | SystemExit | GeneratorExit):
+        return True
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    if trace is None or trace.tb_frame.f_code.co_filename != file:
+        return False
+    return _is_raise(trace.tb_frame.f_code, trace.tb_lasti)
+
+
+def _is_raise(code: CodeType, at: int) -> bool:
+    return dis.opname[code.co_code[at]] == "RAISE_VARARGS"

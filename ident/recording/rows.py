@@ -10,6 +10,7 @@ from sim.record import Record
 EVEN = 0.05  # of the usual step, within which nine tenths of an even record's steps lie
 MISSING, UNEVEN = 1.6, 4.0  # usual steps, from which rows are missing of an even record, and of an uneven one
 MOVES = 0.05  # of an input's span
+MOST = 1e15  # rows that are counted: a time that is wrong by more has no number of them
 
 
 def missing_rows(record: Record) -> list[Finding]:
@@ -37,7 +38,7 @@ def missing_rows(record: Record) -> list[Finding]:
 def _finding(record: Record, gaps: np.ndarray, usual: float, certainty: Certainty, word: str) -> Finding:
     steps = np.diff(record.time)
     times = tuple((float(record.time[gap]), float(record.time[gap + 1])) for gap in gaps)
-    rows = int(np.sum(np.round(steps[gaps] / usual) - 1))
+    rows = int(np.sum(np.round(np.minimum(steps[gaps], MOST * usual) / usual) - 1))
     places = ", ".join(f"{begin:.4g} to {end:.4g} s" for begin, end in times[:3])
     told = f"misses about {rows} row(s) {word + ' ' if word else ''}({places}{' and so on' if len(times) > 3 else ''})"
     likely = certainty is Certainty.LIKELY

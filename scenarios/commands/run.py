@@ -105,6 +105,7 @@ def run_and_compare(
 
 def simulate(what: str | OwnFlight, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
     """Write the record of a scenario, or of a flight of a user's own model, its truth left out; the files."""
+    from scenarios.files.folders import files_together
     from scenarios.files.writing import write_record
     from scenarios.studies.catalogue import scenario_kind
 
@@ -117,8 +118,9 @@ def simulate(what: str | OwnFlight, out: Path, seed: int | None, changes: Sequen
         if whole is not None:
             return whole(what, out, seed, changes)
         record = flown_record(what, seed, changes)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        return [*write_record(out.parent, record, out.stem, simulated=True)]
+        with files_together(out) as scratch:
+            written = write_record(scratch, record, out.stem, simulated=True)
+        return [out.parent / path.name for path in written]
     except OSError as error:
         raise FlightidError(f"cannot be written ({error.strerror})", where=str(out), remedy="name a file that you may write") from None
 

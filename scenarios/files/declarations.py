@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from scenarios.files.documents import DocumentError, toml_value
 from scenarios.files.sources import Source, read_source
 from sim.errors import DeclarationError, FlightidError
 
@@ -46,16 +46,16 @@ def toml_of(source: Source) -> dict[str, Any]:
 
     Raises
     ------
-    DeclarationError : it is not UTF-8, or not TOML (with line and column).
+    DeclarationError : it is not UTF-8, not TOML (with line and column), or as ``toml_value``.
     """
     where = str(source.path)
     try:
-        return tomllib.loads(source.content.decode("utf-8-sig"))
+        return toml_value(source.content.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise DeclarationError("not UTF-8 text", where=where, remedy="save it in UTF-8") from None
-    except tomllib.TOMLDecodeError as error:
-        what = f"not valid TOML: {' '.join(str(error).split())}"
-        raise DeclarationError(what, where=where, remedy='write key = value, texts in "quotes"') from None
+    except DocumentError as error:
+        where = f"{where}, key {error.key}" if error.key else where
+        raise DeclarationError(str(error), where=where, remedy='write key = value, texts in "quotes"') from None
 
 
 @contextlib.contextmanager

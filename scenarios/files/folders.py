@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
@@ -12,12 +13,32 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
+from scenarios.files.documents import found_json
+from scenarios.files.sources import resolved
 from scenarios.files.writing import unportable, write_json
 from sim.errors import FlightidError
 
 MANIFEST = "files"
+_SHORT = 40  # characters of a folder's name that its temporary one has, so that a long name can be used
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class _Scratch:
+    """A temporary folder, and two open files set aside: where all others are used up, removing the folder needs them."""
+
+    def __init__(self, beside: Path, name: str) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix=f".{name[:_SHORT]}-", dir=beside))
+        self._aside: list[int] = []
+        with contextlib.suppress(OSError):
+            self._aside += [os.open(os.devnull, os.O_RDONLY) for _ in range(2)]
+
+    def remove(self) -> None:
+        """Remove the folder with all that is in it."""
+        while self._aside:
+            os.close(self._aside.pop())
+        shutil.rmtree(self.path, ignore_errors=True)
 
 
 @contextmanager
@@ -36,55 +57,109 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
     ------
     FlightidError : ``path`` is a file or cannot be written, or a folder stands where a file of ours should go.
     """
-    target = Path(path).resolve()
-    if target.exists() and not target.is_dir():
-        raise FlightidError("this is a file, not a folder", where=str(path), remedy="name another folder")
+    target = resolved(path)
+    if os.path.lexists(target) and not os.path.isdir(target):
+        what = "this is a link that leads nowhere" if os.path.islink(target) else "this is a file, not a folder"
+        raise FlightidError(what, where=str(path), remedy="name another folder")
     made: list[Path] = []
-    scratch: Path | None = None
+    scratch: _Scratch | None = None
     try:
         try:
             _make(target.parent, made)
-            scratch = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+            scratch = _Scratch(target.parent, target.name)
         except OSError as error:
-            raise _unwritable(path, error) from None
-        yield scratch
+            raise unwritable(path, error) from None
+        try:
+            yield scratch.path
+        except OSError as error:
+            if error.errno in _FULL:
+                raise unwritable(path, error) from None
+            raise
         try:
             with _uninterrupted(path):
-                _move_in(scratch, target, main, made)
+                _move_in(scratch.path, target, main, made)
         except OSError as error:
-            raise _unwritable(path, error) from None
+            raise unwritable(path, error) from None
     except BaseException:
         if scratch is not None:
-            shutil.rmtree(scratch, ignore_errors=True)
-        for folder in reversed(made):
-            if not any(folder.iterdir()):
-                folder.rmdir()
+            scratch.remove()
+        _unmake(made)
         raise
-    shutil.rmtree(scratch, ignore_errors=True)
+    scratch.remove()
+
+
+@contextmanager
+def files_together(named: Path) -> Iterator[Path]:
+    """A temporary folder to write a record into, with the files that belong beside it; on leaving they go into the folder of ``named``, all or none.
+
+    ``named`` is the file that the user asked for, which is replaced. Of the others a JSON file is replaced where its schema is ours, any other
+    where such a JSON file beside it shows that an earlier call wrote them.
+
+    Raises
+    ------
+    FlightidError : the folder cannot be written, or a file of somebody else has the name of one of ours.
+    """
+    target = named.parent
+    made: list[Path] = []
+    scratch: _Scratch | None = None
+    try:
+        try:
+            _make(target, made)
+            scratch = _Scratch(target, named.stem)
+            yield scratch.path
+            _refuse_strangers(scratch.path, named)
+            with _uninterrupted(named):
+                for name in sorted(os.listdir(scratch.path), key=lambda name: (name == named.name, name)):
+                    os.replace(scratch.path / name, target / name)
+        except OSError as error:
+            raise unwritable(named, error) from None
+    except BaseException:
+        if scratch is not None:
+            scratch.remove()
+        _unmake(made)
+        raise
+    scratch.remove()
+
+
+def _refuse_strangers(scratch: Path, named: Path) -> None:
+    """Raise FlightidError where a file beside the named one is there already and none of ours."""
+    beside = [named.parent / name for name in sorted(os.listdir(scratch)) if name != named.name]
+    ours = {path for path in beside if path.suffix == ".json" and _is_ours(path)}
+    for path in (named, *beside):
+        if path.is_dir() or (path in beside and os.path.lexists(path) and path not in ours and (path.suffix == ".json" or not ours)):
+            what = "it stands where a file that goes with the record has to go, and flightid did not write it"
+            raise FlightidError(what, where=str(path), remedy="move it away, or name another record file")
+
+
+def _is_ours(path: Path) -> bool:
+    content = found_json(path)
+    return isinstance(content, dict) and str(content.get("schema", "")).startswith("flightid/")
 
 
 @contextmanager
 def _uninterrupted(path: str | Path) -> Iterator[None]:
-    """Ctrl-C waits until the files are in their place, which takes no time, and then says so: a study is there as a whole or not at all."""
+    """What would end the process waits until the files are in their place, and then says so: a study is there whole or not at all."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     came: list[int] = []
-    former = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    former = {number: signal.getsignal(number) for number in _ENDING if callable(signal.getsignal(number))}
+    for number in former:
+        signal.signal(number, lambda number, frame: came.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, former)
-    if came:
+        for number, handler in former.items():
+            signal.signal(number, handler)
+    for number in came:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(number)
         raise KeyboardInterrupt(f"the study in {path} is whole")
 
 
 def listed_files(main: Path) -> frozenset[str]:
     """The files that a study's JSON lists as ours; none if it is not a study's or lists nothing."""
-    try:
-        content: Any = json.loads(main.read_bytes())
-    except (OSError, ValueError):
-        return frozenset()
+    content = found_json(main)
     if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("flightid/"):
         return frozenset()
     names = content.get(MANIFEST)
@@ -143,10 +218,19 @@ def _make(folder: Path, made: list[Path]) -> None:
         made.append(parent)
 
 
+def _unmake(made: list[Path]) -> None:
+    """Remove folders that were made and are empty."""
+    for folder in reversed(made):
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+
+
 def _is_plain(name: str) -> bool:
     """True for a file's bare name: nothing outside the folder may be named by a file in it."""
     return name not in ("", ".", "..") and "/" not in name and "\\" not in name and "\0" not in name
 
 
-def _unwritable(path: str | Path, error: OSError) -> FlightidError:
-    return FlightidError(f"cannot be written ({error.strerror})", where=str(path), remedy="name a folder that you may write in")
+def unwritable(path: str | Path, error: OSError) -> FlightidError:
+    """The error for a place that cannot be written, with what the operating system says of it."""
+    remedy = "make room, or name a place on another disk" if error.errno in _FULL else "name a folder that you may write in"
+    return FlightidError(f"cannot be written ({error.strerror})", where=str(path), remedy=remedy)

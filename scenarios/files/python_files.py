@@ -8,9 +8,10 @@ from pathlib import Path
 from types import ModuleType
 
 from scenarios.files.sources import Source
-from sim.errors import DeclarationError, FlightidError
+from sim.errors import DeclarationError, FlightidError, raised_by
 
 WANTED = "a Python file"
+MODULE = "flightid_of_user_"  # begins the name of every module that a user's file makes: tracebacks show by it whose code failed
 
 
 def run_python(source: Source, kind: str) -> ModuleType:
@@ -23,7 +24,7 @@ def run_python(source: Source, kind: str) -> ModuleType:
     path, where = source.path, str(source.path)
     if path.suffix != ".py":
         raise DeclarationError("this is no Python file", where=where, remedy="name a file that ends in .py")
-    name = f"flightid_{kind}_{path.stem}"
+    name = f"{MODULE}{kind}_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
@@ -33,7 +34,9 @@ def run_python(source: Source, kind: str) -> ModuleType:
     except FlightidError as error:
         inside = f"{error.where}: " if error.where else ""
         raise DeclarationError(f"{inside}{error.what}", where=f"{where}{_line(error, path)}", remedy=error.remedy) from None
-    except (Exception, SystemExit) as error:  # the file is a user's, and anything may be wrong with it
+    except BaseException as error:  # the file is a user's, and anything may be wrong with it
+        if not raised_by(error, where):
+            raise
         line = f", line {error.lineno}" if isinstance(error, SyntaxError) and error.lineno else _line(error, path)
         text = error.msg if isinstance(error, SyntaxError) else str(error)
         what = " ".join(f"{type(error).__name__}: {text}".split())

@@ -52,7 +52,10 @@ _SI = {
 }
 _CAPITALS = {name.upper(): name for name in _SI}
 _DEGREE = math.pi / 180.0
-_FACTOR = re.compile(r"([*/]?)(rad|deg|kg|Pa|N|m|s|1)(?:\*\*(-?\d+))?(?=[*/]|$)")
+_FACTOR = re.compile(r"([*/]?)(rad|deg|kg|Pa|N|m|s|1)(?:\*\*(-?\d+))?(?=[*/]|$)", re.ASCII)
+_LONGEST = 40  # characters of a unit: what is longer is none, and takes the parser long
+# Powers beyond two digits, powers of powers and large numbers are no units; the library would work them out.
+_EXPLOSIVE = re.compile(r"\*\*[-+]?\(|\*\*[-+]?\d{3}|\*\*[-+]?[\d.]+\*\*|\)\*\*.*\)\*\*|\d{7}|\d[eE][-+]?\d{2}", re.ASCII)
 _GRAVITIES = ("g", "G", "gs", "g0", "g_0", "gee")
 _ALIASES = {"°": "deg", "lbm": "lb", "psf": "lbf/ft**2", "NM": "nautical_mile"}
 _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "grade", "revolutions_per_minute", "revolutions_per_second")
@@ -91,6 +94,9 @@ def to_si(value: Number, unit: str, target: str, where: str, error: type[Flighti
     text = normal_form(unit)
     if text in ("", normal_form(target)):
         return value
+    if not _is_tame(text):
+        examples = QUANTITIES.get(target, ("", f"it in {target}, or leave the unit out"))[1]
+        raise error(f"unknown unit {unit[:_LONGEST]!r}", where=where, remedy=f"write {examples}")
     if target == LOAD_FACTOR:
         if text in (*_GRAVITIES, "1"):
             return value
@@ -103,7 +109,15 @@ def to_si(value: Number, unit: str, target: str, where: str, error: type[Flighti
 def is_unit(unit: str) -> bool:
     """Whether a unit is known, so that others are converted into it; any other is a label that all must share."""
     text = normal_form(unit)
+    if not _is_tame(text):
+        return False
     return text == LOAD_FACTOR or _si_size(text) is not None or _parsed(_registry(), text) is not None
+
+
+def _is_tame(text: str) -> bool:
+    """Whether a unit in normal form is short, of small powers, and in plain letters: only such a text is parsed."""
+    foreign = any(letter.isdecimal() and not letter.isascii() for letter in text)
+    return len(text) <= _LONGEST and not foreign and _EXPLOSIVE.search(text) is None
 
 
 def normal_form(unit: str) -> str:
@@ -178,7 +192,7 @@ def _registry() -> pint.UnitRegistry[Any]:
 
 def _parsed(units: pint.UnitRegistry[Any], text: str) -> Any:
     """The unit, also from capitals (``"DEG/S"``); None if there is no such unit."""
-    if not re.fullmatch(r"[\w*/().%-]{1,40}", text):
+    if not re.fullmatch(r"[\w*/().%-]+", text):
         return None
     for spelling in (text, text.lower()):
         try:

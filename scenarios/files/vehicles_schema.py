@@ -11,18 +11,26 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 from pydantic_core import PydanticCustomError
 
+from scenarios.files.formats.cells import LARGEST
 from scenarios.files.units import to_si
 from sim.errors import DeclarationError
 from sim.vehicles.factory import ABOVE_ZERO, FAMILIES, MODE_DERIVATIVES, WHOLE_AXES, mode_parameter
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?")
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?", re.ASCII)
 
 
 def quantity_in(target: str) -> Callable[[object], float]:
     """A validator that turns a number or ``"24200 lb"`` into the unit ``target``."""
 
     def convert(value: object) -> float:
+        number = plain(value)
+        if math.isfinite(number) and number != 0.0 and not 1.0 / LARGEST <= abs(number) <= LARGEST:
+            what = f"{value!r:.60} lies beyond the numbers that are computed with, {1.0 / LARGEST:g} to {LARGEST:g}"
+            raise PydanticCustomError("quantity", "extreme", {"what": what, "remedy": "check its exponent and its unit"})
+        return number
+
+    def plain(value: object) -> float:
         if isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1023):
             return float(value)
         found = _QUANTITY.fullmatch(value) if isinstance(value, str) else None

@@ -15,10 +15,12 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.channel_names import TIME
+from scenarios.files.escaping import escaped
 from scenarios.files.measured.sidecar import SCHEMA, SIMULATED
 from sim.errors import FlightidError
 from sim.record import Record
 
+_SHORT = 40  # characters of a file's name that its temporary one has, so that a long name can be used
 RESPONSE, PREDICTED, TRUE = "response", "predicted_", "true_"  # a study's outputs over time: its file, and what stands before their names
 
 
@@ -77,7 +79,7 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
 def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
     """The text that ``write_json`` writes; ``where`` names the file in errors."""
-    return _laid_out(_plain(content, where, ""), "")
+    return escaped(_laid_out(_plain(content, where, ""), ""))
 
 
 def write_text(path: Path, text: str) -> None:
@@ -85,9 +87,14 @@ def write_text(path: Path, text: str) -> None:
 
     A byte of a file's name that is no UTF-8 is written as ``\\udcff``, which JSON reads back as it was. Raises OSError.
     """
-    part = path.with_name(f".{path.name}.part")
+    write_content(path, text.encode("utf-8", "backslashreplace"))
+
+
+def write_content(path: Path, content: bytes) -> None:
+    """Write a whole file or none, as ``write_text``."""
+    part = path.with_name(f".{path.name[:_SHORT]}.part")
     try:
-        part.write_bytes(text.encode("utf-8", "backslashreplace"))
+        part.write_bytes(content)
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)

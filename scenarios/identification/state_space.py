@@ -15,6 +15,8 @@ from ident.flying_qualities.state_space import StateSpace, state_space
 from ident.flying_qualities.whole_axes import LONGITUDINAL_STATES, level_flight
 from scenarios.files.measured.sidecar import sidecar_path
 from scenarios.files.own_models import inputs_at_rest
+from scenarios.files.sources import resolved
+from scenarios.files.writing import write_content
 from scenarios.identification.result import Identification
 from sim.declaration.model import Model
 from sim.declaration.system import System
@@ -117,7 +119,7 @@ def refuse_place(path: Path, kept: Iterable[Path] = ()) -> None:
         raise DeclarationError(what, where=where, remedy=f"name a file that ends in {', '.join(FORMATS)}")
     if path.is_dir():
         raise DeclarationError("this is a folder", where=where, remedy="name a file")
-    if path.resolve() in {each.resolve() for given in kept for each in (given, sidecar_path(given))}:
+    if resolved(path) in {resolved(each) for given in kept for each in (given, sidecar_path(given))}:
         raise DeclarationError("the matrices would take the place of a record or of the study", where=where, remedy="name another file")
 
 
@@ -126,6 +128,6 @@ def write_state_space(space: StateSpace, path: Path) -> None:
     refuse_place(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(FORMATS[path.suffix.lower()](space))
+        write_content(path, FORMATS[path.suffix.lower()](space))
     except OSError as error:
         raise FlightidError(f"cannot be written ({error.strerror})", where=str(path), remedy="name a file that you may write") from None

@@ -5,10 +5,11 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
-from typing import Any
+from typing import Any, get_type_hints
 
+from sim.declaration.effect import Effect
 from sim.declaration.proposal import Traceable
-from sim.errors import DeclarationError
+from sim.errors import DeclarationError, FlightidError
 
 ROOM = "sim.effects."  # effects of the library, and nothing else, are made again by the name of their class
 
@@ -36,8 +37,10 @@ def effect_of(content: Mapping[str, Any], own: Sequence[Traceable], where: str) 
         return found
     try:
         effect: Traceable = _made(content)
-    except (AttributeError, ImportError, KeyError, TypeError, ValueError) as error:
-        what = f"the effect {name or '?'} cannot be made again ({error})"
+        if not isinstance(effect, Effect) or effect.name != name:
+            raise TypeError("its class is another's")
+    except (AttributeError, ImportError, KeyError, TypeError, ValueError, FlightidError) as error:
+        what = f"the effect {name or '?'} cannot be made again ({' '.join(str(error).split())})"
         raise DeclarationError(what, where=where, remedy="run the study again with this version") from None
     return effect
 
@@ -70,10 +73,36 @@ def _made(content: Mapping[str, Any]) -> Any:
     kind = getattr(importlib.import_module(module), name)
     if not (isinstance(kind, type) and is_dataclass(kind)):
         raise TypeError(f"{name} is no effect")
-    return kind(**{key: _value(each) for key, each in content["fields"].items()})
+    given = {key: _value(each) for key, each in content["fields"].items()}
+    hints = get_type_hints(kind)
+    for key, value in given.items():
+        refuse_other_kind(value, hints[key])
+    return kind(**given)
 
 
 def _value(content: Any) -> Any:
     if isinstance(content, Mapping):
         return {key: _value(each) for key, each in content["mapping"].items()} if "mapping" in content else _made(content)
     return tuple(_value(each) for each in content) if isinstance(content, list) else content
+
+
+def refuse_other_kind(value: Any, kind: Any) -> None:
+    """Raise TypeError where a value that was read is not of the type that is declared for it, or holds a number that is not finite."""
+    from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+    plain = is_dataclass(kind) and isinstance(kind, type)
+    try:
+        if plain and not isinstance(value, kind):
+            raise TypeError(f"a {type(value).__name__} where a {kind.__name__} is due")
+        if not plain:
+            settings = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False)
+            TypeAdapter(kind, config=settings).validate_python(value, strict=True)
+    except ValidationError as error:
+        raise TypeError(f"{value!r:.40} is no {kind}: {error.errors()[0]['msg']}") from None
+
+
+def refuse_other_fields(content: Mapping[str, Any], kind: type) -> None:
+    """Raise TypeError where the values under the names of a dataclass's fields are not of their types; KeyError for a name it does not have."""
+    hints = get_type_hints(kind)
+    for key, value in content.items():
+        refuse_other_kind(value, hints[key])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -10,15 +10,31 @@ from typing import Any
 
 from ident.tracing.diagnosis import Trained
 from ident.whole_record.layout import FitSettings
+from scenarios.files.documents import found_json, read_json
 from scenarios.files.sources import InputFile
 from scenarios.files.writing import write_json
-from scenarios.kept.effects_text import effect_content, effect_of
+from scenarios.kept.effects_text import effect_content, effect_of, refuse_other_fields, refuse_other_kind
 from sim.declaration.proposal import Traceable
 from sim.errors import DeclarationError
 
 NAME = "model.json"
 SCHEMA = "flightid/model/1"
 IDENTIFY, DIAGNOSE = "identify", "diagnose"
+# Types of what ``model.json`` holds, as JSON has them.
+_KINDS = {
+    **dict.fromkeys(("made_by", "model", "vehicle_text"), str),
+    **dict.fromkeys(("biases", "spiked", "claimed"), list[str]),
+    "reading": dict[str, Any],
+    "weighed": bool,
+    "after": dict[str, Any],
+}
+_TRAINED = {
+    "effects": list[dict[str, Any]],
+    "outputs": list[str],
+    "shared": dict[str, float],
+    "own": list[dict[str, float]],
+    "settings": dict[str, Any],
+}
 
 
 @dataclass(frozen=True)
@@ -111,6 +127,9 @@ class KeptFile:
 
     def _made(self, own: Sequence[Traceable]) -> KeptModel:
         c, where = self.content, str(self.path)
+        for key, kind in _KINDS.items():
+            refuse_other_kind(c[key], kind)
+        refuse_other_fields(c["reading"], KeptReading)
         before = _trained(c["before"], own, where) if "before" in c else None
         return KeptModel(
             c["made_by"],
@@ -141,12 +160,9 @@ def read_kept(folder: str | Path) -> KeptFile:
         what = "this is a file, not a study folder" if folder.exists() else "there is no such folder"
         raise DeclarationError(what, where=str(folder), remedy="name the --out folder of identify or diagnose")
     path = folder / NAME
-    try:
-        content = json.loads(path.read_bytes())
-    except FileNotFoundError:
-        raise _no_model(folder) from None
-    except (OSError, ValueError):
-        content = None
+    if not os.path.lexists(path):
+        raise _no_model(folder)
+    content = read_json(path, wanted="the --out folder of identify or diagnose")
     if not isinstance(content, dict) or content.get("schema") != SCHEMA or not _says_its_files(content):
         raise _unreadable(path)
     return KeptFile(path, content)
@@ -168,9 +184,9 @@ def _no_model(folder: Path) -> DeclarationError:
     """What to run where a folder keeps no model: the study again, or an identification of its record."""
     if (folder / "diagnosis.json").is_file():
         return DeclarationError("this diagnosis keeps no model", where=str(folder), remedy="run flightid diagnose again with this --out")
-    try:
-        scenario = json.loads((folder / "comparison.json").read_bytes()).get("scenario")
-    except (OSError, ValueError, AttributeError):
+    comparison = found_json(folder / "comparison.json")
+    scenario = comparison.get("scenario") if isinstance(comparison, dict) else None
+    if not isinstance(comparison, dict):
         return DeclarationError("there is no study in this folder", where=str(folder), remedy="name the --out folder of identify or diagnose")
     if scenario == IDENTIFY:
         return DeclarationError("this study keeps no model", where=str(folder), remedy="run flightid identify again with this --out")
@@ -189,5 +205,8 @@ def _trained_content(trained: Trained) -> dict[str, Any]:
 
 
 def _trained(content: Mapping[str, Any], own: Sequence[Traceable], where: str) -> Trained:
+    for key, kind in _TRAINED.items():
+        refuse_other_kind(content[key], kind)
+    refuse_other_fields(content["settings"], FitSettings)
     effects = tuple(effect_of(each, own, where) for each in content["effects"])
     return Trained(effects, tuple(content["outputs"]), content["shared"], tuple(content["own"]), FitSettings(**content["settings"]))

@@ -12,6 +12,7 @@ import numpy as np
 from ident.maneuver_design.planned_flight import Planned
 from ident.whole_record.layout import FitSettings
 from scenarios.files.declarations import closest
+from scenarios.files.formats.cells import plain_number
 from scenarios.files.own_models import channel_units, inputs_at_rest, is_own, unit_in
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.files.vehicles_schema import number_in
@@ -185,7 +186,7 @@ def numbers_of(texts: Sequence[str], units: Mapping[str, str], option: str) -> d
 
 def _typed(text: str) -> float | str:
     try:
-        return float(text)
+        return plain_number(text)
     except ValueError:
         return text
 

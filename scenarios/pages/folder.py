@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from scenarios.files.documents import found_json, json_value
+from scenarios.files.sources import MOST_DOCUMENT, read_content
 from scenarios.files.writing import write_json, write_text
 from scenarios.pages.model import Figure, Page
 from scenarios.pages.rendering import page_html
@@ -38,12 +39,11 @@ def rebuilt(folder: str | Path) -> Path:
         raise FlightidError("there is no such folder", where=str(folder), remedy="name the folder of a study, what --out was given")
     if not source.is_file():
         raise FlightidError(f"has no {CONTENT}: {_older(folder)}", where=str(folder), remedy=_again(folder))
+    content = read_content(source, FlightidError, "the folder of a study", MOST_DOCUMENT)
     try:
-        text = page_html(page_of(json.loads(source.read_bytes())))
+        text = page_html(page_of(json_value(content)))
     except (KeyError, TypeError, ValueError, AttributeError, FlightidError):
         raise FlightidError("is no content of a page that this version can show", where=str(source), remedy=_again(folder)) from None
-    except OSError as error:
-        raise FlightidError(f"cannot be read ({error.strerror})", where=str(source), remedy="name a folder that you may read") from None
     target = folder / PAGE
     try:
         write_text(target, text)
@@ -77,10 +77,7 @@ def _again(folder: Path) -> str:
 
 def _document(folder: Path) -> dict[str, Any]:
     for name in _DOCUMENTS:
-        try:
-            content = json.loads((folder / name).read_bytes())
-        except (OSError, ValueError):
-            continue
+        content = found_json(folder / name)
         if isinstance(content, dict) and str(content.get("schema", "")).startswith("flightid/"):
             return content
     return {}

@@ -10,6 +10,7 @@ from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
+from scenarios.files.escaping import escaped
 from scenarios.pages.model import BY_ROW, Block, Column, Page, Section, Table
 from scenarios.pages.numbers import PURE, Cell, Number, signs
 
@@ -38,7 +39,7 @@ def page_html(page: Page) -> str:
 
     style, script = _style(), _resource("page.js")
     inputs = Table("Input files", (Column("use"), Column("file", code=True), Column("SHA-256", code=True)), page.reproduction.inputs)
-    return _template().render(
+    text = _template().render(
         page=page,
         policy=f"default-src 'none'; style-src '{_digest(style)}'; script-src '{_digest(script)}'; base-uri 'none'; form-action 'none'",
         style=Markup(style),
@@ -48,6 +49,7 @@ def page_html(page: Page) -> str:
         sections=list(_named(page.sections)),
         inputs=inputs,
     )
+    return escaped(text)
 
 
 def warm_up() -> None:

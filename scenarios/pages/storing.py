@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from scenarios.pages.model import Block, Bullets, Column, Figure, Fold, Page, Prose, Reproduction, Section, Table
 from scenarios.pages.numbers import Cell, Link, Number
 
 SCHEMA = "flightid/report/1"
+_MOST = 1_000_000  # of digits and rows that a page may ask for
+_TAG = "svg|g|defs|clipPath|rect|path|text|tspan"
+_ATTRIBUTE = r'\s(?!on|href|style|src)[a-zA-Z][a-zA-Z-]*="(?:url\(#[\w-]+\)|(?!url)[^"<>]*)"'
+_ELEMENT = re.compile(rf"/(?:{_TAG})>[^>]*$|(?:{_TAG})(?:{_ATTRIBUTE})*\s*/?>[^>]*$", re.DOTALL | re.ASCII)
+Kind = TypeVar("Kind")
 
 
 def page_content(page: Page) -> dict[str, Any]:
@@ -34,25 +40,26 @@ def page_content(page: Page) -> dict[str, Any]:
 
 
 def page_of(content: Mapping[str, Any]) -> Page:
-    """The page that ``page_content`` describes.
+    """The page that ``page_content`` describes; a study may be somebody else's, so that every value is of its kind and figures only draw.
 
     Raises KeyError, TypeError or ValueError for a content that describes none.
     """
     if content["schema"] != SCHEMA:
         raise ValueError(content["schema"])
     again = content["reproduction"]
-    inputs = tuple((use, name, digest) for use, name, digest in again["inputs"])
+    inputs = tuple((_text(use), _text(name), _text(digest)) for use, name, digest in _list(again["inputs"]))
+    versions = {_text(name): _text(version) for name, version in _list(again["versions"])}
     return Page(
-        content["title"],
-        content["kind"],
-        content["verdict"],
-        content["tone"],
-        content["sentence"],
-        tuple(content["summary"]),
-        tuple(content["warnings"]),
-        tuple(map(_section_of, content["sections"])),
-        Reproduction(tuple(again["commands"]), dict(again["versions"]), again["seed"], inputs),
-        content["created"],
+        _text(content["title"]),
+        _text(content["kind"]),
+        _text(content["verdict"]),
+        _text(content["tone"]),
+        _text(content["sentence"]),
+        _texts(content["summary"]),
+        _texts(content["warnings"]),
+        tuple(map(_section_of, _list(content["sections"]))),
+        Reproduction(_texts(again["commands"]), versions, _text(again["seed"]), inputs),
+        _text(content["created"]),
     )
 
 
@@ -62,8 +69,8 @@ def _section(each: Section) -> dict[str, Any]:
 
 
 def _section_of(content: Mapping[str, Any]) -> Section:
-    parts = tuple(map(_section_of, content.get("parts", ())))
-    return Section(content["title"], tuple(map(_block_of, content["blocks"])), parts, content.get("card", ""))
+    parts = tuple(map(_section_of, _list(content.get("parts", []))))
+    return Section(_text(content["title"]), tuple(map(_block_of, _list(content["blocks"]))), parts, _text(content.get("card", "")))
 
 
 def _block(block: Block) -> dict[str, Any]:
@@ -89,16 +96,22 @@ def _column(column: Column) -> dict[str, Any]:
 
 def _block_of(content: Mapping[str, Any]) -> Block:
     if "prose" in content:
-        return Prose(content["prose"], content["kind"], content["term"])
+        return Prose(_text(content["prose"]), _text(content["kind"]), _text(content["term"]))
     if "bullets" in content:
-        return Bullets(tuple(content["bullets"]), content["numbered"])
+        return Bullets(_texts(content["bullets"]), _flag(content["numbered"]))
     if "fold" in content:
-        return Fold(content["summary"], tuple(content["fold"]))
+        return Fold(_text(content["summary"]), _texts(content["fold"]))
     if "figure" in content:
-        return Figure(content["figure"], content["svg"], content["caption"])
-    columns = tuple(Column(each["heading"], each.get("unit"), each.get("code", False)) for each in content["columns"])
-    rows = tuple(tuple(map(_cell_of, row)) for row in content["rows"])
-    return Table(content["table"], columns, rows, tuple(content.get("units", ())), content.get("printed"))
+        return Figure(_text(content["figure"]), _drawing(content["svg"]), _text(content["caption"]))
+    columns = tuple(map(_column_of, _list(content["columns"])))
+    rows = tuple(tuple(map(_cell_of, _list(row))) for row in _list(content["rows"]))
+    printed = None if content.get("printed") is None else _count(content["printed"])
+    return Table(_text(content["table"]), columns, rows, _texts(content.get("units", [])), printed)
+
+
+def _column_of(content: Mapping[str, Any]) -> Column:
+    unit = None if content.get("unit") is None else _text(content["unit"])
+    return Column(_text(content["heading"]), unit, _flag(content.get("code", False)))
 
 
 def _cell(cell: Cell) -> Any:
@@ -115,6 +128,55 @@ def _cell_of(content: Any) -> Cell:
     if isinstance(content, str):
         return content
     if "to" in content:
-        return Link(content["text"], content["to"])
-    known = {key: content[key] for key in ("unit", "signed", "shown") if key in content}
-    return Number(content["value"], content.get("sigma"), digits=content.get("digits"), **known)
+        return Link(_text(content["text"]), _text(content["to"]))
+    return Number(
+        _number(content["value"]),
+        None if content.get("sigma") is None else _number(content["sigma"]),
+        _text(content.get("unit", "")),
+        None if content.get("digits") is None else _count(content["digits"]),
+        _flag(content.get("signed", False)),
+        _text(content.get("shown", "")),
+    )
+
+
+def _text(value: Any) -> str:
+    return _of_kind(value, str)
+
+
+def _flag(value: Any) -> bool:
+    return _of_kind(value, bool)
+
+
+def _list(value: Any) -> list[Any]:
+    return _of_kind(value, list)
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    return tuple(map(_text, _list(value)))
+
+
+def _of_kind(value: Any, kind: type[Kind]) -> Kind:
+    if not isinstance(value, kind):
+        raise TypeError(f"a {type(value).__name__} where a {kind.__name__} is due")
+    return value
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(f"a {type(value).__name__} where a number is due")
+    return value
+
+
+def _count(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _MOST:
+        raise TypeError(f"{value!r:.40} is no count")
+    return value
+
+
+def _drawing(value: Any) -> str:
+    """The ``<svg>`` of a figure as our renderer writes it: elements that draw, and no attribute that runs or loads anything."""
+    text = _text(value)
+    parts = text.split("<")
+    if parts[0] or not (text.startswith("<svg ") and text.endswith("</svg>")) or not all(_ELEMENT.match(part) for part in parts[1:]):
+        raise ValueError("a figure holds more than a drawing")
+    return text

@@ -24,7 +24,7 @@ DECLARED = "declared_"
 def write_prediction(found: Prediction, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write ``prediction.csv``, the figure ``prediction``, and ``prediction.json`` last; returns the folder."""
     with study_folder(folder, MAIN) as scratch:
-        (scratch / "prediction.csv").write_text(_table(found), encoding="utf-8", newline="\n")
+        (scratch / "prediction.csv").write_text(_table(found), encoding="utf-8", errors="backslashreplace", newline="\n")
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.page.drawing import drawn_for_page

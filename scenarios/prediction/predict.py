@@ -160,7 +160,7 @@ def _vehicle(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
         # A study may be somebody else's: whatever name it gives its vehicle file, nothing is written outside this folder.
         named = Path(entry.name).name.lstrip(".") if entry is not None else ""
         path = Path(folder) / (named or "vehicle.toml")
-        path.write_text(text, encoding="utf-8", newline="\n")
+        path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
         return read_vehicle(path, chosen)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from scenarios.preparation.plan import Plan
 from sim.errors import RecordError
+from sim.propagation.grid import MOST_STEPS
 from sim.record import Channel, Hold, Record
 
 ORDER = 4
@@ -65,6 +66,9 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
             remedy = "give a lower rate: more samples than were taken tell nothing"
             raise RecordError(f"--rate {plan.rate:g} Hz is above the record's {rate:.4g} Hz", where=record.name, remedy=remedy)
         corners.append(0.5 * BELOW_HALF * plan.rate)
+        if corners[0] * (record.time[-1] - record.time[0]) < 1.0:
+            what = f"--rate {plan.rate:g} Hz leaves nothing of a record of {record.time[-1] - record.time[0]:.4g} s"
+            raise RecordError(what, where=record.name, remedy="give a higher rate, several samples for each of the motion's own periods")
         said = f"resampled from {rate:.4g} to {plan.rate:g} Hz, "
     if plan.lowpass is not None:
         if plan.lowpass > 0.5 * rate * (1.0 - EVEN):
@@ -83,7 +87,11 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
 def _even(time: np.ndarray, step: float) -> np.ndarray:
     if _is_even(time, step):
         return time
-    return time[0] + step * np.arange(int((time[-1] - time[0]) / step * (1.0 + 1e-9)) + 1)
+    count = (time[-1] - time[0]) / step * (1.0 + 1e-9) + 1
+    if count > MOST_STEPS:
+        what = f"a grid of {step:.3g} s over {time[-1] - time[0]:.3g} s has {count:.2g} samples"
+        raise RecordError(what, where="column time", remedy="check the unit of the times, or read a part of them with --from and --to")
+    return time[0] + step * np.arange(int(count))
 
 
 def _is_even(time: np.ndarray, step: float) -> bool:

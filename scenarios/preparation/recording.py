@@ -15,6 +15,7 @@ from sim.declaration.model import Model
 from sim.declaration.parameters import AIRSPEEDS
 from sim.errors import RecordError
 from sim.maths.constants import G0
+from sim.propagation.grid import MOST_STEPS
 from sim.record import Channel, Record
 
 TRUST = "--trust-record"
@@ -93,6 +94,7 @@ def looked_at(records: Sequence[Record], expected: Expectations, plan: Plan) -> 
     """
     out, seen = [], []
     for record in records:
+        _refuse_endless(record)
         if any(np.max(np.abs(channel.values)) > BEYOND for channel in record.channels):
             out.append(record)  # no measurement; whoever fits it says so
             continue
@@ -101,6 +103,17 @@ def looked_at(records: Sequence[Record], expected: Expectations, plan: Plan) -> 
             seen.append(one)
         out.append(record)
     return out, RawLook(tuple(dict.fromkeys(record.name for record in records)), tuple(seen), plan.trusted)
+
+
+def _refuse_endless(record: Record) -> None:
+    """Raise RecordError where the times go so far that no simulation reaches their end."""
+    with np.errstate(over="ignore"):
+        usual = float(np.median(np.diff(record.time)))
+        span = float(record.time[-1] - record.time[0])
+    if not span / usual <= MOST_STEPS:
+        told = f"it goes from {record.time[0]:.4g} to {record.time[-1]:.4g} s in steps of {usual:.3g} s"
+        remedy = "correct wrong times, or read a part of the rows with --from and --to"
+        raise RecordError(told, where=f"{record.name}, column time", remedy=remedy)
 
 
 def _acted_on(record: Record, finding: Finding, plan: Plan) -> tuple[Record, Seen]:

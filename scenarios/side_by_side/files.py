@@ -24,7 +24,7 @@ def write_compared(compared: SideBySide, folder: str | Path, *, figures: Formats
     last. The folder may hold the studies' own folders.
     """
     with study_folder(folder, MAIN) as scratch:
-        (scratch / "compared.csv").write_text(compared_csv(compared), encoding="utf-8", newline="\n")
+        (scratch / "compared.csv").write_text(compared_csv(compared), encoding="utf-8", errors="backslashreplace", newline="\n")
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.page.drawing import drawn_for_page

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from scenarios.files.documents import read_json
+from scenarios.files.sources import resolved
 from scenarios.side_by_side.responses import read_responses
 from scenarios.side_by_side.value import Column, Value
 from sim.errors import DeclarationError
@@ -70,12 +71,7 @@ def _study_file(path: Path, text: str) -> Path:
 
 def _content(file: Path) -> dict[str, Any]:
     """A study's JSON."""
-    try:
-        content = json.loads(file.read_bytes())
-    except OSError as error:
-        raise DeclarationError(f"cannot be read ({error.strerror})", where=str(file), remedy=WRITERS) from None
-    except ValueError:
-        raise DeclarationError("not JSON", where=str(file), remedy=WRITERS) from None
+    content = read_json(file, wanted=WRITERS.removeprefix("name "))
     if not isinstance(content, dict) or content.get("schema") != STUDIES[file.name]:
         raise DeclarationError(f"it is no {STUDIES[file.name]}", where=str(file), remedy=WRITERS)
     return content
@@ -102,7 +98,7 @@ def _column(table: Mapping[str, Any], file: Path, method: str, content: Mapping[
         estimator, outcome = f"diagnose, {when}", content.get("verdict", "")
     seed = content.get("seed")
     return Column(
-        label=folder.resolve().name,
+        label=resolved(folder).name,
         folder=folder,
         method=method,
         title=str(content.get("title", "")),
@@ -147,7 +143,7 @@ def _number(value: Any) -> float | None:
 
 def _told_apart(columns: Sequence[Column]) -> tuple[Column, ...]:
     """Labels by folder, with as many of the folders above as it takes, and by method where a study stands there with several."""
-    paths = [column.folder.resolve() for column in columns]
+    paths = [resolved(column.folder) for column in columns]
     depth = 1
     while len({path.parts[-depth:] for path in paths}) < len(set(paths)):
         depth += 1

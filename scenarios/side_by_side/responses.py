@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.documents import found_json
 from scenarios.files.measured.sidecar import SIMULATED as SIMULATED_ORIGIN
 from scenarios.files.writing import PREDICTED, RESPONSE, TRUE
 
@@ -52,11 +52,8 @@ def read_responses(folder: Path, method: str = "") -> Responses | None:
 
 def _told(folder: Path) -> tuple[dict[str, str], bool]:
     """Units of channels, those of the folder's record where it tells them, and whether that record is simulated."""
-    try:
-        content = json.loads((folder / "record.json").read_bytes())
-    except (OSError, ValueError):
-        content = {}
-    content = content if isinstance(content, dict) else {}
+    found = found_json(folder / "record.json")
+    content = found if isinstance(found, dict) else {}
     units = content.get("units", {})
     told = {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
     return {**CHANNEL_UNITS, **told}, content.get("origin") == SIMULATED_ORIGIN or (folder / "truth.json").is_file()

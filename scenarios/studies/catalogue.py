@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.files.declarations import closest, read_toml
+from scenarios.files.documents import DocumentError, toml_value
 from scenarios.studies.declaration import Scenario
 from scenarios.studies.scenario_file.choices import methods_without_gone, without_gone
 from sim.errors import DeclarationError
@@ -111,8 +112,8 @@ def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
     if not equals or not key.strip():
         raise DeclarationError(f"{change!r} is not key=value", where="--set", remedy="write for example flight.rate=50")
     try:
-        value: Any = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        value: Any = toml_value(f"value = {text}")["value"]
+    except DocumentError:
         value = text
     path = key.strip().split(".")
     changed: dict[str, Any] = _put(document, path, value, key.strip())
@@ -125,7 +126,7 @@ def _put(table: Any, path: list[str], value: Any, key: str) -> Any:
     """The same table with one entry replaced; a number in the path counts entries of a list from 1."""
     first, *rest = path
     if isinstance(table, list):
-        if not first.isdigit() or not 1 <= int(first) <= len(table):
+        if not (first.isascii() and first.isdigit()) or not 1 <= int(first) <= len(table):
             raise DeclarationError(f"{key}: there is no entry {first!r}", where="--set", remedy=f"use a number from 1 to {len(table)}")
         at = int(first) - 1
         return [*table[:at], value if not rest else _put(table[at], rest, value, key), *table[at + 1 :]]

@@ -55,7 +55,9 @@ def write_study(study: Study, folder: str | Path, *, figures: Formats = USUAL) -
             (scratch / "determination.csv").write_text(determination_csv(determined), encoding="utf-8", newline="\n")
         if study.sweep is not None:
             (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8", newline="\n")
-        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out, HERE)), encoding="utf-8", newline="\n")
+        (scratch / "study.txt").write_text(
+            as_text(lambda out: print_study(study, out, HERE)), encoding="utf-8", errors="backslashreplace", newline="\n"
+        )
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.page.drawing import drawn_for_page

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from scenarios.files.documents import found_json
 from scenarios.plots.formats import Formats
 from scenarios.survey.flights import Flight, Flights
 from scenarios.survey.one_flight import Diagnoses, kept_of
@@ -88,8 +88,5 @@ def flown(work: Diagnoses | PooledFits, count: int, jobs: int, folder: Path, tel
 
 def last_survey(folder: Path) -> Mapping[str, Any]:
     """The document of the last survey in a folder; empty where there is none."""
-    try:
-        content: Any = json.loads((folder / MAIN).read_bytes())
-    except (OSError, ValueError):
-        return {}
+    content = found_json(folder / MAIN)
     return content if isinstance(content, dict) and content.get("schema") == SCHEMA and isinstance(content.get("flights"), dict) else {}

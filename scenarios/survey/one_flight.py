@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from scenarios.files.documents import found_json
 from scenarios.files.writing import write_json
 from scenarios.plots.formats import Formats
 from scenarios.survey.flights import Flight
@@ -96,9 +96,6 @@ def kinematics_of(flight: Flight) -> dict[str, Any]:
 
 def kept_of(flight: Flight, folder: Path) -> dict[str, Any] | None:
     """What is kept of a flight where it is still of this record, vehicle, model, options and version; else None."""
-    try:
-        content: Any = json.loads((folder / FOLDER / flight.name / KEPT).read_bytes())
-    except (OSError, ValueError):
-        return None
+    content = found_json(folder / FOLDER / flight.name / KEPT)
     sound = isinstance(content, dict) and content.get("schema") == SCHEMA and content.get("digest") == flight.digest
     return content if sound else None

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from scenarios.files.documents import found_json
 from scenarios.files.writing import write_json
 from scenarios.survey.flights import Flight
 from scenarios.survey.one_flight import FOLDER
@@ -61,10 +62,7 @@ class PooledFits:
 
     def kept(self, number: int) -> Mapping[str, Any] | None:
         """The fits of a flight as its folder has them; None where it has none of these."""
-        try:
-            content: Any = json.loads(self.path(number).read_bytes())
-        except (OSError, ValueError):
-            return None
+        content = found_json(self.path(number))
         return content if isinstance(content, dict) and content.get("digest") == self.digest(number) else None
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:

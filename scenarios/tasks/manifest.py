@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from scenarios.files.documents import read_json
 from scenarios.files.versions import versions
 from scenarios.files.writing import json_text, write_json
 from scenarios.tasks.work import Work
@@ -36,12 +37,9 @@ def manifest_of(work: Work, root: int, count: int) -> dict[str, Any]:
 def read_manifest(folder: Path) -> dict[str, Any] | None:
     """The manifest of a folder; None where there is none. Raises FlightidError where it cannot be read."""
     path = folder / MANIFEST
-    try:
-        content: Any = json.loads(path.read_bytes())
-    except FileNotFoundError:
+    if not os.path.lexists(path):
         return None
-    except (OSError, ValueError) as error:
-        raise FlightidError(f"cannot be read ({error})", where=str(path), remedy="begin in another folder") from None
+    content: Any = read_json(path, FlightidError, "another folder")
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise FlightidError(f"this is no manifest of schema {SCHEMA}", where=str(path), remedy="begin in another folder")
     return content

@@ -12,6 +12,10 @@ from sim.errors import FlightidError
 FOLDER = "runs"  # in the folder of a study: its rows and their manifest
 
 
+MOST_JOBS = 1024
+MOST_TASKS = 10_000_000  # of one study, whose numbers alone then take some 100 MB
+
+
 @dataclass(frozen=True)
 class Manner:
     """``jobs`` : processes, None for one a core. ``out`` : the folder of the study, in which rows are kept as they come. ``resume`` : go on with
@@ -27,12 +31,16 @@ class Manner:
         """A study of ``count`` tasks in blocks of ``block``. Raises FlightidError for what cannot be."""
         if self.jobs is not None and self.jobs < 1:
             raise FlightidError(f"{self.jobs} processes", where="--jobs", remedy="give one or more, or leave it out for one a core")
+        if self.jobs is not None and self.jobs > MOST_JOBS:
+            raise FlightidError(f"{self.jobs} processes", where="--jobs", remedy=f"give {MOST_JOBS} or fewer, or leave it out for one a core")
         if self.limit is not None and not 0.0 < self.limit < float("inf"):
             raise FlightidError(f"{self.limit:g} s", where="--time-limit", remedy="give the seconds that one of them may take")
         if self.resume and self.out is None:
             raise FlightidError("there is no folder to go on with", where="--resume", remedy="name the folder with --out")
         folder = None if self.out is None else self.out / FOLDER
         longest = None if self.limit is None else self.limit * min(block, count)
+        if count > MOST_TASKS:
+            raise FlightidError(f"{count} {unit} are more than can be kept", where="--runs", remedy=f"give {MOST_TASKS} or fewer")
         return Asked(count, root, self.jobs or available_cores(), folder, self.resume, self.cluster, longest, unit)
 
 

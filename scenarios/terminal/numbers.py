@@ -4,20 +4,32 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 
 from ident.statistics.residuals import ResidualTest
+from scenarios.files.escaping import escaped, styled_stream
 from scenarios.terminal.display_units import in_hertz
 from scenarios.terminal.quantities import AXES, determined
 
 GROWING = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
 
 
+class EscapingConsole(Console):
+    """A console whose own styles reach the terminal, and no control character of a text (rich asks for a class here)."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """The segments of what is printed, their texts escaped."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=escaped(segment.text))
+
+
 def console(width: int | None = None) -> Console:
     """A console that never folds numbers, 120 columns where the output is not a terminal; brackets in texts stay as they are."""
-    plain = Console(markup=False)
+    plain = EscapingConsole(file=styled_stream(sys.stdout), markup=False)
     return plain if plain.is_terminal else Console(width=width or 120, no_color=True, highlight=False, markup=False)
 
 
@@ -30,7 +42,9 @@ def as_text(show: Callable[[Console], None]) -> str:
 
 def number(value: float, std: float | None = None) -> str:
     """A number with the digits that its standard deviation makes sensible: two of the deviation, else five."""
-    if std is None or not std > 0:
+    if not math.isfinite(value):
+        return "unknown"
+    if std is None or not 0 < std < math.inf:
         return f"{value:.5g}"
     from math import floor, log10
 

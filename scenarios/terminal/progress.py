@@ -85,11 +85,14 @@ def _bar(told: Told, ended: threading.Event) -> None:
     """A bar that is taken away when the work has ended; one that only moves where no share is known."""
     if ended.wait(SHORT):
         return
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 
+    from scenarios.files.escaping import styled_stream
+    from scenarios.terminal.numbers import EscapingConsole
+
     columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False))
-    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False, redirect_stderr=False) as bar:
+    console = EscapingConsole(file=styled_stream(sys.stderr))
+    with Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bar:
         task = bar.add_task("", total=None)
         while True:
             bar.update(task, description=told.line(time.monotonic()), total=1.0 if told.share else None, completed=told.share)

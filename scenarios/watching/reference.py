@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from scenarios.files.documents import read_json
+from scenarios.files.sources import resolved
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.identification.low_order import DERIVED
 from scenarios.identification.low_order_filter import PAPER_START
@@ -38,12 +39,7 @@ def read_reference(path: Path) -> Reference:
     DeclarationError : no such study, no comparison, or one of another model.
     """
     file = path / "comparison.json" if path.is_dir() else path
-    try:
-        content = json.loads(file.read_bytes())
-    except OSError as error:
-        raise DeclarationError(f"cannot be read ({error.strerror})", where=str(file), remedy="name the folder of a study") from None
-    except ValueError:
-        raise DeclarationError("not JSON", where=str(file), remedy="name the folder of a study, or its comparison.json") from None
+    content = read_json(file, wanted="the folder of a study, or its comparison.json")
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise DeclarationError(f"it is no {SCHEMA}", where=str(file), remedy="name the folder of a study that run, identify or watch wrote")
     values = {**_pairs(content, "parameters", file), **{name: pair for name, pair in _pairs(content, "derived", file).items() if name in DERIVED}}
@@ -75,7 +71,7 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
         return VehicleFile("x29", "loes", constants, dict(PAPER_START))
     known = {**reference.fixed, **{name: value for name, (value, _) in reference.values.items()}, **reference.plain}
     held = {name: reference.fixed.get(name, constants[name]) for name in LOES_CONSTANTS}
-    return VehicleFile(Path(reference.name).resolve().name, "loes", held, {name: known[name] for name in PAPER_START})
+    return VehicleFile(resolved(Path(reference.name)).name, "loes", held, {name: known[name] for name in PAPER_START})
 
 
 def _pairs(content: Mapping[str, Any], key: str, file: Path) -> dict[str, tuple[float, float]]:

@@ -13,14 +13,13 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.formats.cells import MISSING, header_cell
+from scenarios.files.formats.cells import LARGEST, MISSING, header_cell
 from scenarios.files.measured.columns import Column, column_place, find_column, missing_column
 from scenarios.files.measured.sidecar import Sidecar, refuse_unknown_units
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 
 INPUTS, OUTPUTS = (STICK,), ("alpha", "q", "nz")
-LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 AHEAD = 1.0  # s: a time stamp further ahead is believed when the next one bears it out
 LOST = 600.0  # s: after a gap this long nothing of the motion before is known
 
@@ -145,7 +144,8 @@ def in_order(table: np.ndarray, numbers: Sequence[int], order: Order) -> tuple[n
                     continue
                 order = _accept(ahead, ahead_row, order, kept, faults)
             else:
-                faults.append(Fault(ahead_row, f"time jumps ahead ({order.time:.9g} s, then {ahead[0]:.9g} s) and comes back"))
+                begun = f"{order.time:.9g} s, then " if order.time > -math.inf else "first "
+                faults.append(Fault(ahead_row, f"time jumps ahead ({begun}{ahead[0]:.9g} s) and comes back"))
         ahead_of_all = time - order.time > AHEAD
         order = order._replace(waiting=row, waiting_row=number) if ahead_of_all else _accept(row, number, order, kept, faults)
     return np.array(kept, dtype=float).reshape(-1, table.shape[0]).T, faults, order

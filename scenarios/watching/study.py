@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.folders import study_folder
+from scenarios.files.sources import resolved
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json, write_record
 from scenarios.identification.result import Identification
@@ -63,7 +64,7 @@ def refuse_overwriting(stream: Path, out: Path) -> None:
 
     Raises DeclarationError.
     """
-    if stream.resolve().parent == out.resolve() and stream.name in FILES:
+    if resolved(stream).parent == resolved(out) and stream.name in FILES:
         what = "the study's files would take the place of what is watched"
         raise DeclarationError(what, where=str(stream), remedy="name another folder with --out")
 
@@ -136,7 +137,7 @@ def rows_of(names: Sequence[str], units: Sequence[str], values: Sequence[float],
 def _reference_content(reference: Reference, items: Sequence[CrossValidation]) -> dict[str, Any]:
     compared = [item for item in items if item.reference is not None and item.z is not None]
     return {
-        "study": Path(reference.name).resolve().name,
+        "study": resolved(Path(reference.name)).name,
         "differences": [
             {
                 "name": item.name,

@@ -36,7 +36,9 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.result.flown.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
-        (scratch / "study.txt").write_text(as_text(lambda out: print_loop(study, out, HERE)), encoding="utf-8", newline="\n")
+        (scratch / "study.txt").write_text(
+            as_text(lambda out: print_loop(study, out, HERE)), encoding="utf-8", errors="backslashreplace", newline="\n"
+        )
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
         drawn: tuple[Drawn, ...] = ()

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from traceback import walk_tb
 from typing import Any
 
+import numpy as np
+
 from sim.declaration.arguments import NO_CHANGE, ChangedArgument
 from sim.declaration.effect import Signal
-from sim.errors import FlightidError, ModelError
+from sim.errors import FlightidError, ModelError, raised_by
 from sim.maths.elementary import plus
 
 HERE = Path(__file__).parent
+_NUMBERS = frozenset({float, np.float64, complex, np.complex128, int})
 Answer = Callable[[Any, Any], Mapping[str, Any]]
 
 
@@ -65,11 +68,14 @@ class OwnEquations:
         if self.formed is None:
             return {}
         try:
-            return self.formed(s, p)
+            found = self.formed(s, p)
+            answers = {name: found[name] for name in self.formed_names} if self.formed_names else dict(found)
         except ArithmeticError:
             return dict.fromkeys(self.formed_names, math.nan)
-        except Exception as error:
+        except BaseException as error:
             raise fault(self.name, "flow", self.formed, error, s, p) from None
+        self._check_all("flow", self.formed, answers.items(), s, p)
+        return answers
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
         found = self._answer("rates", self.rates, self.states, s, p)
@@ -83,18 +89,48 @@ class OwnEquations:
     def _answer(self, what: str, function: Answer, signals: tuple[Signal, ...], s: Any, p: Any) -> list[Any]:
         try:
             found = function(s, p)
-            return [found[signal.name] for signal in signals]
+            answers = [found[signal.name] for signal in signals]
         except ArithmeticError:
             return [math.nan for _ in signals]
-        except Exception as error:
+        except BaseException as error:
             raise fault(self.name, what, function, error, s, p) from None
+        self._check_all(what, function, zip((each.name for each in signals), answers, strict=True), s, p)
+        return answers
+
+    def _check_all(self, what: str, function: Answer, answers: Iterable[tuple[str, Any]], s: Any, p: Any) -> None:
+        """Check each answer; plain numbers, and arrays of floats in the shape of the first state, need no second look."""
+        shape = getattr(getattr(s, self.states[0].name), "shape", ())
+        for name, value in answers:
+            kind = type(value)
+            if kind in _NUMBERS or (kind is np.ndarray and value.shape == shape and value.dtype.kind in "fc"):
+                continue
+            self._check(what, function, name, value, s, p)
+
+    def _check(self, what: str, function: Answer, name: str, value: Any, s: Any, p: Any) -> None:
+        """Raise ModelError for an answer that is no number, or of a shape that no signal has: it may be another than when it was tried."""
+        shape, kind = np.shape(value), getattr(getattr(value, "dtype", None), "kind", None)
+        plain = kind in ("f", "c", "i", "u") if kind is not None else isinstance(value, int | complex) and not isinstance(value, bool)
+        if plain and (shape == () or shape == np.shape(getattr(s, self.states[0].name))):
+            return
+        if plain:
+            known = {np.shape(each) for each in (*vars(s).values(), *(p if isinstance(p, tuple) else vars(p).values()))}
+            if any(shape == each for each in known) or shape == np.broadcast_shapes(*known):
+                return
+        told = f"of shape {shape} where no signal has it" if plain else f"of type {type(value).__name__}"
+        where = written_in(self.name, what, function)
+        raise ModelError(f"the answer for {name} is {told}", where=where, remedy="return numbers that go with the signals, in every call")
 
 
 NO_COMPLEX = "use sin, exp, sqrt, absolute, clip, where and the like of sim.maths.elementary: what stands there must take complex numbers and arrays"
 
 
-def fault(model: str, what: str, function: Answer, error: Exception, s: Any, p: Any) -> FlightidError:
-    """One line on an error that a user's function raised: what, in which function, file and line."""
+def fault(model: str, what: str, function: Answer, error: BaseException, s: Any, p: Any) -> FlightidError:
+    """One line on an error that a user's function raised: what, in which function, file and line.
+
+    What asks the program to stop is raised again: an interrupt from the keyboard, and what is no error of the function.
+    """
+    if not raised_by(error, getattr(getattr(function, "__code__", None), "co_filename", "")):
+        raise error
     if isinstance(error, FlightidError) and not isinstance(error, ChangedArgument):
         return error
     where, text = place(model, what, function, error), " ".join(f"{type(error).__name__}: {error}".split())
@@ -114,7 +150,7 @@ def fault(model: str, what: str, function: Answer, error: Exception, s: Any, p: 
     return ModelError(text, where=where, remedy="mend that line")
 
 
-def _changes_argument(error: Exception) -> bool:
+def _changes_argument(error: BaseException) -> bool:
     """Whether an error comes of an assignment to a signal or parameter, to an element of one, or to a read-only array."""
     text = str(error)
     return (

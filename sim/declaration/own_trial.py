@@ -92,9 +92,9 @@ def parameters_asked(equations: OwnEquations, starts: Starts) -> frozenset[str]:
     """Names of the parameters that the functions ask for when they are evaluated at the starts."""
     s, p = signals_from(starts.signals), _Noting(**starts.parameters, _asked=set())
     if equations.formed is not None:
-        s.__dict__.update(equations.formed(s, p))
-    equations.rates(s, p)
-    equations.readings(s, p)
+        s.__dict__.update(_asked(equations, "flow", equations.formed, s, p))
+    _asked(equations, "rates", equations.rates, s, p)
+    _asked(equations, "readings", equations.readings, s, p)
     return frozenset(object.__getattribute__(p, "__dict__")["_asked"])
 
 
@@ -130,7 +130,7 @@ def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], 
 def _asked(equations: OwnEquations, what: str, function: Answer, s: Any, p: Any) -> Mapping[str, Any]:
     try:
         found: object = function(s, p)
-    except Exception as error:
+    except BaseException as error:
         raise fault(equations.name, what, function, error, s, p) from error
     if not isinstance(found, Mapping):
         shown = f"it returns a {type(found).__name__}, not a mapping by name"

@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 
 from sim.declaration.system import System
+from sim.errors import RecordError
 from sim.maths.elementary import trailing
 from sim.record import Hold
 
 CELL = 0.001
+MOST_STEPS = 20_000_000  # of a simulation, some 100 bytes and a microsecond each
 MOST_CELLS = 500  # of a sub-step: one of more than half a second is of a motion that takes minutes
 
 
@@ -44,10 +46,16 @@ class Grid:
 
 
 def make_grid(time: np.ndarray, max_step: float) -> Grid:
-    """Grid for record times ``(N,)`` with sub-steps of at most ``max_step`` s."""
-    gaps = np.diff(time)
+    """Grid for record times ``(N,)`` with sub-steps of at most ``max_step`` s.
+
+    Raises RecordError where that takes more than ``MOST_STEPS`` of them.
+    """
+    with np.errstate(over="ignore"):  # of times at the ends of the range of floats
+        gaps = np.diff(time)
     usual = float(np.median(gaps))
-    pieces = np.maximum(1, np.ceil(gaps / (1.5 * usual) - 1e-9)).astype(int)
+    counted = np.maximum(1, np.ceil(gaps / (1.5 * usual) - 1e-9))
+    refuse_endless(float(counted.sum()) * max(1.0, float(gaps.max() / counted[np.argmax(gaps)]) / max_step), gaps, max_step)
+    pieces = counted.astype(int)
     first = np.repeat(np.cumsum(pieces) - pieces, pieces)
     within = (np.arange(len(first)) - first) / np.repeat(pieces, pieces)
     nodes = np.append(np.repeat(time[:-1], pieces) + np.repeat(gaps, pieces) * within, time[-1])
@@ -58,6 +66,13 @@ def make_grid(time: np.ndarray, max_step: float) -> Grid:
     sample = np.concatenate([[0], np.cumsum(pieces)]) * substeps
     source = np.repeat(np.arange(len(gaps)), pieces * substeps)
     return Grid(nodes, substeps, steps, edges, sample, source)
+
+
+def refuse_endless(count: float, gaps: np.ndarray, max_step: float) -> None:
+    """Raise RecordError where intervals ``gaps``, s, take more than ``MOST_STEPS`` steps; ``count`` is how many."""
+    if count > MOST_STEPS:
+        told = f"samples {gaps.min():.3g} to {gaps.max():.3g} s apart take {count:.2g} steps of {max_step:.2g} s or less"
+        raise RecordError(told, where="column time", remedy="check the unit of the times, or read a part of them with --from and --to")
 
 
 @dataclass(frozen=True, eq=False)

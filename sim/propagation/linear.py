@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from sim.declaration.system import System
+from sim.propagation.grid import refuse_endless
 
 Inputs = Callable[[np.ndarray], list[np.ndarray]]
 
@@ -84,7 +85,9 @@ def _edges(time: np.ndarray, breaks: Sequence[float], A: np.ndarray) -> tuple[np
         inside = inside[np.minimum(inside - time[nearest - 1], time[nearest] - inside) > 1e-9]
     edges = np.unique(np.concatenate([time, inside]))
     longest = min(_LONGEST, 2.0 / max(float(np.abs(np.linalg.eigvals(A)).max(initial=0.0)), 1e-300))
-    pieces = np.maximum(1, np.ceil(np.diff(edges) / longest - 1e-9)).astype(int)
+    counted = np.maximum(1, np.ceil(np.diff(edges) / longest - 1e-9))
+    refuse_endless(float(counted.sum()), np.diff(edges), longest)
+    pieces = counted.astype(int)
     if np.any(pieces > 1):
         first = np.repeat(np.cumsum(pieces) - pieces, pieces)
         share = (np.arange(len(first)) - first) / np.repeat(pieces, pieces)

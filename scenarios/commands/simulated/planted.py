@@ -36,17 +36,19 @@ def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> l
 
     ``record.csv`` asked for is the training record; beside it stand ``record_validate.csv`` and ``record_vehicle.toml``.
     """
+    from scenarios.files.folders import files_together
     from scenarios.files.writing import write_record
     from scenarios.trials.planted.flights import fly_trace
 
     with named_after(file):
         flown = fly_trace(scenario, scenario.seed if seed is None else seed)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    written = [
-        *write_record(out.parent, flown.train, out.stem, simulated=True),
-        *write_record(out.parent, flown.validate, f"{out.stem}_validate", simulated=True),
-    ]
     vehicle = out.parent / f"{out.stem}_vehicle.toml"
-    vehicle.write_text(flown.vehicle_file, encoding="utf-8", newline="\n")
+    with files_together(out) as scratch:
+        paths = [
+            *write_record(scratch, flown.train, out.stem, simulated=True),
+            *write_record(scratch, flown.validate, f"{out.stem}_validate", simulated=True),
+        ]
+        (scratch / vehicle.name).write_text(flown.vehicle_file, encoding="utf-8", newline="\n")
+    written = [out.parent / path.name for path in paths]
     print(f"{out.name}; for --validate: {out.stem}_validate.csv; for --vehicle: {vehicle.name}")
     return [*written, vehicle]

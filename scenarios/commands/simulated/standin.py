@@ -13,6 +13,7 @@ def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[s
 
     Returns the files.
     """
+    from scenarios.files.folders import files_together
     from scenarios.files.writing import write_record
     from scenarios.studies.catalogue import load_document, scenario_file
     from scenarios.trials.standin.flights.flight import fly_standin, vehicle_text
@@ -21,10 +22,11 @@ def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[s
     standin = standin_of(*load_document(name, changes))
     with named_after(scenario_file(name)):
         flight = fly_standin(standin, standin.seed if seed is None else seed)
-    out.parent.mkdir(parents=True, exist_ok=True)
     names = [f"{out.stem}_{number}" for number in range(1, len(flight.records) + 1)]
-    written = [path for stem, record in zip(names, flight.records, strict=True) for path in write_record(out.parent, record, stem, simulated=True)]
     vehicle = out.parent / f"{out.stem}_vehicle.toml"
-    vehicle.write_text(vehicle_text(flight.drawn), encoding="utf-8", newline="\n")
+    with files_together(out) as scratch:
+        paths = [path for stem, record in zip(names, flight.records, strict=True) for path in write_record(scratch, record, stem, simulated=True)]
+        (scratch / vehicle.name).write_text(vehicle_text(flight.drawn), encoding="utf-8", newline="\n")
+    written = [out.parent / path.name for path in paths]
     print(f"{len(names)} records of one flight: {names[0]}.csv to {names[-1]}.csv; for --vehicle: {vehicle.name}")
     return [*written, vehicle]

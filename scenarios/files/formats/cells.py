@@ -12,8 +12,9 @@ import numpy as np
 from sim.errors import RecordError
 
 MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "null"})
-_MARKED = re.compile(r"[+-]?(?=[.,]*\d)[\d.,]+([eE][+-]?\d+)?")  # a number as somebody wrote it, with points and commas in it
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
+LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
+_MARKED = re.compile(r"[+-]?(?=[.,]*\d)[\d.,]+([eE][+-]?\d+)?", re.ASCII)  # a number as somebody wrote it, with points and commas in it
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,14 +16,14 @@ from functools import lru_cache
 from pathlib import Path
 
 from scenarios.files import formats
-from scenarios.files.formats.cells import Table
-from scenarios.files.formats.topic import Reader, Topic, as_module, damaged
-from scenarios.files.sources import Source
+from scenarios.files.formats.cells import Table, first_line
+from scenarios.files.formats.sizes import refuse_oversized
+from scenarios.files.formats.topic import Reader, Topic, as_module
+from scenarios.files.sources import MOST_RECORD, Source, too_large
 from sim.errors import RecordError
 
-NOT_READERS = ("cells", "layout", "registry", "topic", "variables")
+NOT_READERS = ("cells", "layout", "registry", "sizes", "topic", "variables")
 GZIP = b"\x1f\x8b"
-MOST = 2**31  # bytes that a compressed file may unpack to
 
 
 @lru_cache(maxsize=1)
@@ -56,6 +56,7 @@ def topics_of(source: Source) -> tuple[Topic, ...]:
     inner = path
     if raw.startswith(GZIP) or path.suffix.lower() == ".gz":
         raw, inner = _unpacked(path, raw), path.with_suffix("") if path.suffix.lower() == ".gz" else path
+    refuse_oversized(inner, raw)
     with _silent():
         topics = reader_for(inner, raw).read(path, raw)
     filled = tuple(replace(topic, table=without_empty_tail(topic.table)) for topic in topics)
@@ -94,16 +95,15 @@ def _is_empty(cell: object) -> bool:
 
 
 def _unpacked(path: Path, raw: bytes) -> bytes:
-    unpacker = zlib.decompressobj(wbits=31)
+    """What is in a gzip file, read no further than the limit: a few bytes may stand for any number of them."""
+    pieces, size = [], 0
     try:
-        content = unpacker.decompress(raw, MOST + 1)
-        if len(content) <= MOST and not unpacker.eof:
-            raise EOFError("it ends too early")
-        if unpacker.unused_data.startswith(GZIP) and len(content) <= MOST:
-            content = gzip.decompress(raw)
+        with gzip.GzipFile(fileobj=io.BytesIO(raw)) as file:
+            while piece := file.read(1 << 20):
+                pieces.append(piece)
+                size += len(piece)
+                if size > MOST_RECORD:
+                    raise too_large(RecordError, str(path), "what it unpacks to", MOST_RECORD, "give a part of it, or save it as Parquet")
     except (OSError, EOFError, zlib.error) as error:
-        raise RecordError(f"not a gzip file ({error})", where=str(path), remedy="compress it again, or give the plain file") from None
-    if len(content) > MOST:
-        what = f"it unpacks to more than {MOST / 2**30:g} GiB"
-        raise damaged(ValueError(what), path, "gzip")
-    return content
+        raise RecordError(f"not a gzip file ({first_line(error)})", where=str(path), remedy="compress it again, or give the plain file") from None
+    return b"".join(pieces)

@@ -7,11 +7,12 @@ semicolons, tabs, bars or blanks: by whichever mark parts header and rows alike.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -53,11 +54,22 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     if len(raw) > LARGE and (topic := _large(path, raw)) is not None:
         return (topic,)
     text, notes = _text(path, raw)
-    layout = _layout(path, text)
-    body = text[layout.first :]
-    commented = bool(layout.above) and _is_comment(layout.above[-1])
-    table = _table(path, body, layout.separator, len(layout.above), named=layout.named, commented=commented)
+    with _long_cells(len(text)):
+        layout = _layout(path, text)
+        body = text[layout.first :]
+        commented = bool(layout.above) and _is_comment(layout.above[-1])
+        table = _table(path, body, layout.separator, len(layout.above), named=layout.named, commented=commented)
     return (Topic("", table, (*notes, *layout.notes)),)
+
+
+@contextlib.contextmanager
+def _long_cells(most: int) -> Iterator[None]:
+    """While the body runs, cells may be as long as the file: a header of thousands of columns is one cell to any other separator."""
+    former = csv.field_size_limit(max(most, 1))
+    try:
+        yield
+    finally:
+        csv.field_size_limit(former)
 
 
 class Layout(NamedTuple):

@@ -13,7 +13,7 @@ from scenarios.files.formats.cells import Table
 from scenarios.files.formats.registry import topics_of
 from scenarios.files.formats.topic import Topic
 from scenarios.files.measured.sidecar import Sidecar, read_sidecar
-from scenarios.files.sources import InputFile, read_source
+from scenarios.files.sources import MOST_RECORD, InputFile, read_source, resolved
 from sim.errors import RecordError
 
 
@@ -46,7 +46,7 @@ def read_record_file(path: str | Path) -> RecordFile:
     ------
     RecordError : the file is missing, unreadable, empty, not UTF-8, or has a header and no rows; the sidecar says what cannot be used.
     """
-    source = read_source(path, RecordError, "the record file")
+    source = read_source(path, RecordError, "the record file", MOST_RECORD)
     topics = topics_of(source)
     sidecar = read_sidecar(source.path)
     if len(topics) == 1:
@@ -102,13 +102,13 @@ def told_apart(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
     by_name: dict[str, list[Path]] = {}
     on_disk = [file for file in files if not file.in_memory]
     for file in on_disk:
-        by_name.setdefault(file.path.name, []).append(file.path.resolve())
+        by_name.setdefault(file.path.name, []).append(resolved(file.path))
     deep = {name: _depth(same) for name, same in by_name.items()}
 
     def named(file: RecordFile) -> RecordFile:
         if file.in_memory:
             return file
-        name = "/".join(file.path.resolve().parts[-deep[file.path.name] :])
+        name = "/".join(resolved(file.path).parts[-deep[file.path.name] :])
         return replace(file, identity=replace(file.identity, name=name))
 
     return tuple(named(file) for file in files)
@@ -142,7 +142,7 @@ def refuse_twice(records: Sequence[Path | RecordFile], remedy: str = "name each 
     seen: set[Path | int] = set()
     for record in records:
         path = path_of(record)
-        key = path.resolve() if path is not None else id(record)
+        key = resolved(path) if path is not None else id(record)
         if key in seen:
             raise RecordError("the record is named twice", where=_name_of(record), remedy=remedy)
         seen.add(key)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from scenarios.files.declarations import closest
-from scenarios.files.formats.cells import first_line
+from scenarios.files.documents import DocumentError, json_value
 from scenarios.files.measured.columns import split_header, suffix_unit
 from sim.errors import RecordError
 from sim.record import Hold
@@ -63,11 +62,9 @@ def read_sidecar(record: Path) -> Sidecar:
     except OSError as error:
         raise RecordError(f"cannot be read ({error.strerror or error})", where=str(path), remedy=_AWAY) from None
     try:
-        content = json.loads(raw.decode("utf-8-sig"))
-    except UnicodeDecodeError:
-        raise RecordError("not UTF-8 text", where=str(path), remedy=_AWAY) from None
-    except (ValueError, RecursionError) as error:
-        raise RecordError(f"not valid JSON ({first_line(error)})", where=str(path), remedy=_AWAY) from None
+        content = json_value(raw)
+    except DocumentError as error:
+        raise RecordError(str(error), where=str(path), remedy=_AWAY) from None
     return _sidecar_of(content, path) if isinstance(content, dict) else Sidecar()
 
 

@@ -10,7 +10,7 @@ from ident.flying_qualities.mode_levels import Flown, mode_levels
 from scenarios.files.folders import study_folder
 from scenarios.files.measured.record_file import all_simulated, identities
 from scenarios.files.measured.sidecar import sidecar_path
-from scenarios.files.sources import InputFile
+from scenarios.files.sources import InputFile, resolved
 from scenarios.files.versions import versions
 from scenarios.files.writing import RESPONSE, write_json, write_record, write_responses
 from scenarios.identification.assessment.content import constraints_content, fits_content, intervals_content
@@ -66,7 +66,7 @@ def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
     """Refuse to put our copy of the record in the place of the user's, unless it is the same to the byte."""
     for given in (path, sidecar_path(path)):
         ours = scratch / given.name
-        if not (given.is_file() and ours.is_file() and given.resolve().parent == out.resolve()):
+        if not (given.is_file() and ours.is_file() and resolved(given).parent == resolved(out)):
             continue
         if ours.read_bytes() != given.read_bytes():
             raise FlightidError("the study's record would take the place of this file", where=str(given), remedy="name another folder with --out")

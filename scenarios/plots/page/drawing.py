@@ -37,7 +37,7 @@ def leave_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> 
 def _leave(stem: str, make: Callable[[], Figure], folder: Path, formats: Formats) -> None:
     figure = make()
     save_figure(figure, folder, stem, formats)
-    (folder / f"{stem}{FRAGMENT}").write_text(page_svg(figure, stem), encoding="utf-8", newline="\n")
+    (folder / f"{stem}{FRAGMENT}").write_text(page_svg(figure, stem), encoding="utf-8", errors="backslashreplace", newline="\n")
 
 
 def page_svg(figure: Figure, stem: str) -> str:

@@ -67,7 +67,7 @@ def _method(old: Any, new: Any, before: Mapping[str, Any], after: Mapping[str, A
 def _inside(table: Any, name: str) -> Any:
     """An entry of a table, or of a list by its number from one; None where it is not there."""
     if isinstance(table, list):
-        return table[int(name) - 1] if name.isdigit() and 1 <= int(name) <= len(table) else None
+        return table[int(name) - 1] if name.isascii() and name.isdigit() and 1 <= int(name) <= len(table) else None
     return table.get(name) if isinstance(table, Mapping) else None
 
 

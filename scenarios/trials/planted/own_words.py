@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from scenarios.files.declarations import closest
+from scenarios.files.documents import DocumentError, toml_value
 from scenarios.files.own_models import unit_in
 from scenarios.identification.own_model.example_motion import BETWEEN, Motion
 from scenarios.studies.declaration import ManeuverPlan
@@ -124,8 +124,8 @@ def _split(word: str) -> list[str]:
 def _value(text: str) -> Any:
     """What a value says: a number, a list, or a text with a unit."""
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        return toml_value(f"value = {text}")["value"]
+    except DocumentError:
         return text.strip()
 
 

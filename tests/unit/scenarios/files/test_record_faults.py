@@ -147,8 +147,8 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         damaged.write_bytes(content)
         refused(damaged, "not a gzip file")
     wide = tmp_path / "wide.csv"
-    wide.write_text('time,alpha\n0,"' + "x" * 200_000 + '"\n')
-    refused(wide, "row 2", "not text separated by commas")
+    wide.write_text('time,alpha\n0,"' + "x" * 200_000 + '"\n1,0\n')
+    refused(wide, "row 2", "'alpha'", "is not a number")
 
 
 def test_channel_map_faults(tmp_path: Path) -> None:
