@@ -19,6 +19,7 @@ LONGEST = 16.0  # s, of one level
 LEVELS = 0.3  # of the largest level, which each must reach
 RETURN = 0.6  # of the largest level, to which the input must return
 CANCEL = 0.35  # of the larger, by which the two level changes of a pulse or a step may differ where the pilot moves the trim meanwhile
+OPEN = 0.8  # of the largest level, by which the sum of a pattern's level changes may differ from zero
 SETTLE = 0.6  # s before and after a pattern, over which the levels outside are averaged
 SHARES = {"3-2-1-1": np.array([3.0, 2.0, 1.0, 1.0]) / 7.0}
 SHARE_ERROR = 0.1  # of the whole duration, by which a level of a 3-2-1-1 may be off
@@ -79,20 +80,73 @@ def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list
 
 
 def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[Shape]:
-    """Steps, pulses, doublets and other sequences of levels in a control, none overlapping another; the largest come first."""
-    found: list[tuple[float, Shape]] = []
+    """Steps, pulses, doublets and other sequences of levels in a control, none overlapping another; the largest come first.
+
+    ``values``, ``trim`` : ``(N,)``, the control and its local trim.
+    """
+    found: dict[tuple[int, ...], tuple[float, Shape]] = {}
     fast = _changes(stretch, values, RISES[0])
     for rise in RISES:
         moved = _changes(stretch, values, rise)
         rest = rest_level(stretch, moved)
         at, _ = find_peaks(np.abs(moved), height=EDGE_STRENGTH * rest, distance=max(2, stretch.samples(0.5 * rise)))
+        control = _Control(stretch, values, trim, moved, fast, rest, max(1, stretch.samples(0.5 * rise)))
         for some in (at, *(_major(at, moved, stretch.samples(NEAR), share) for share in MINOR)):
-            found += _patterns(stretch, values, trim, some, moved, fast, rest, rise)
+            for times in _sequences(stretch, some, moved):
+                if times not in found and (one := _pattern(control, np.array(times))) is not None:
+                    found[times] = one
     out: list[Shape] = []
-    for _, shape in sorted(found, key=lambda each: -each[0]):
+    for _, shape in sorted(found.values(), key=lambda each: (-each[0], each[1].first)):
         if not any(shape.first < other.last and other.first < shape.last for other in out):
             out.append(shape)
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Control:
+    """A control with its trim, its changes within a rise (``moved``) and within the shortest (``fast``), their rest level, half the rise."""
+
+    stretch: Stretch
+    values: np.ndarray
+    trim: np.ndarray
+    moved: np.ndarray
+    fast: np.ndarray
+    rest: np.ndarray
+    half: int
+
+
+def _sequences(stretch: Stretch, at: np.ndarray, moved: np.ndarray) -> Iterator[tuple[int, ...]]:
+    """Two to five successive level changes of alternate sign whose sums alternate too and return about to where they began."""
+    times, jumps, longest = at.tolist(), moved[at].tolist(), stretch.samples(LONGEST)
+    for i in range(len(times) - 1):
+        level = jumps[i]
+        sign = 1.0 if level > 0.0 else -1.0
+        levels = [level * sign]
+        for k in range(i + 1, min(i + 5, len(times))):
+            if times[k] - times[k - 1] > longest or jumps[k] * jumps[k - 1] > 0.0:
+                break
+            level += jumps[k]
+            largest = max(levels)
+            if abs(level) <= OPEN * largest or (k == i + 1 and abs(level) <= OPEN * abs(jumps[k])):
+                yield tuple(times[i : k + 1])
+            sign = -sign
+            if level * sign < 0.5 * LEVELS * largest:
+                break
+            levels.append(level * sign)
+
+
+def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
+    """The pattern that some level changes make, with its merit; None where they make none."""
+    kind = _kind(np.diff(at) * control.stretch.step)
+    found = _levels(control, at) if kind else None
+    if kind is None or found is None:
+        return None
+    flatness, levels, energy = found
+    edge = float(np.min(np.abs(control.moved[at]) / control.rest[at]))
+    jumps = np.abs(np.diff([0.0, *levels, 0.0]))
+    fast = [float(np.max(np.abs(control.fast[max(0, k - control.half) : k + control.half + 1]))) for k in at]
+    sharpness = float(np.min(np.array(fast) / jumps))
+    return flatness * energy, Shape(kind, int(at[0]), int(at[-1]), float(np.max(np.abs(levels))), flatness, edge, sharpness)
 
 
 def _changes(stretch: Stretch, values: np.ndarray, rise: float) -> np.ndarray:
@@ -111,63 +165,28 @@ def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.nda
     return at[sizes >= share * largest] if at.size else at
 
 
-def _patterns(
-    stretch: Stretch, values: np.ndarray, trim: np.ndarray, at: np.ndarray, moved: np.ndarray, fast: np.ndarray, rest: np.ndarray, rise: float
-) -> Iterator[tuple[float, Shape]]:
-    """Sequences of two to five successive level changes that make a pattern, with their merit."""
-    sizes = np.abs(moved[at])
-    signs = np.sign(moved[at])
-    half, longest = stretch.samples(0.5 * rise), stretch.samples(LONGEST)
-    for i in range(at.size):
-        for m in range(2, 6):
-            if i + m > at.size or signs[i + m - 1] == signs[i + m - 2] or at[i + m - 1] - at[i + m - 2] > longest:
-                break
-            inner = sizes[i + 1 : i + m - 1]
-            ends = max(sizes[i], sizes[i + m - 1])
-            if inner.size and (inner.min() < 0.7 * ends or inner.max() > 5.0 * min(sizes[i], sizes[i + m - 1])):
-                continue
-            kind = _kind(np.diff(at[i : i + m]) * stretch.step)
-            shape = _shape(stretch, values, trim, moved, at[i : i + m], half) if kind else None
-            if shape is None:
-                continue
-            flatness, levels, weight = shape
-            some = at[i : i + m]
-            edge = float(np.min(sizes[i : i + m] / rest[some]))
-            largest = float(np.max(np.abs(levels)))
-            jumps = np.abs(np.diff([0.0, *levels, 0.0]))
-            sharpness = float(np.min(_around(np.abs(fast), some, half) / jumps))
-            yield flatness * weight, Shape(kind, int(some[0]), int(some[-1]), largest, flatness, edge, sharpness)
-
-
-def _around(signal: np.ndarray, at: np.ndarray, half: int) -> np.ndarray:
-    """The largest values of a signal within ``half`` samples of some."""
-    return np.array([signal[max(0, k - half) : k + half + 1].max() for k in at])
-
-
-def _shape(
-    stretch: Stretch, values: np.ndarray, trim: np.ndarray, moved: np.ndarray, at: np.ndarray, half: int
-) -> tuple[float, np.ndarray, float] | None:
+def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float] | None:
     """Flatness, levels and energy of a control between level changes; None where the levels are of no pattern."""
-    settle = stretch.samples(SETTLE)
-    before = values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)]
+    values, half, settle = control.values, control.half, control.stretch.samples(SETTLE)
+    base = float(values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)].mean())
     after = values[at[-1] + half : at[-1] + half + settle]
-    base = float(np.mean(before))
     levels, scatter, weight = [], 0.0, 0
-    for first, last in zip(at[:-1], at[1:], strict=True):
+    for first, last in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
         inside = min(half, (last - first) // 4)
         part = values[first + inside : last - inside + 1] - base
-        levels.append(float(np.mean(part)))
-        slope = _slope(part) if at.size == 2 else 0.0
-        scatter += float(np.sum((part - levels[-1] - slope * (np.arange(part.size) - 0.5 * (part.size - 1))) ** 2))
+        levels.append(float(part.mean()))
+        line = _slope(part) * (np.arange(part.size) - 0.5 * (part.size - 1)) if at.size == 2 else 0.0
+        scatter += float(np.sum((part - levels[-1] - line) ** 2))
         weight += part.size
     found = np.array(levels)
     largest = float(np.max(np.abs(found)))
     if np.any(found[1:] * found[:-1] >= 0.0) or np.min(np.abs(found)) < LEVELS * largest:
         return None
-    cancel = abs(float(np.sum(moved[at]))) <= CANCEL * float(np.max(np.abs(moved[at])))
-    if after.size and abs(float(np.mean(after)) - base) > RETURN * largest and not (at.size == 2 and cancel):
+    jumps = control.moved[at]
+    cancel = at.size == 2 and abs(float(jumps.sum())) <= CANCEL * float(np.max(np.abs(jumps)))
+    if after.size and abs(float(after.mean()) - base) > RETURN * largest and not cancel:
         return None
-    offset = base - float(np.median(trim[at[0] : at[-1]]))
+    offset = base - float(np.median(control.trim[at[0] : at[-1]]))
     if abs(offset) > RETURN * largest:
         return None
     flatness = 1.0 - float(np.sqrt(scatter / weight)) / largest
