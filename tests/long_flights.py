@@ -23,13 +23,28 @@ THRUST, WEIGHT = 20e3, 80e3  # N, level flight
 DEGREE = np.pi / 180.0
 # Kinds flown on each axis, and how often relative to each other.
 FLOWN = {
-    "pitch": ("step", "pulse", "doublet", "doublet", "3-2-1-1", "3-2-1-1", "sweep", "multisine", "pull-up"),
+    "pitch": (
+        "step",
+        "pulse",
+        "doublet",
+        "doublet",
+        "3-2-1-1",
+        "3-2-1-1",
+        "sweep",
+        "multisine",
+        "pull-up",
+    ),
     "roll": ("step", "pulse", "doublet", "3-2-1-1", "sweep", "multisine", "turn", "turn"),
     "yaw": ("pulse", "doublet", "doublet", "3-2-1-1", "sweep", "multisine"),
     "throttle": ("step", "doublet"),
 }
 PLANES = ("symmetric", "lateral")
-PATTERNS = {"step": (1.0,), "pulse": (1.0,), "doublet": (1.0, -1.0), "3-2-1-1": (3.0, -2.0, 1.0, -1.0)}
+PATTERNS = {
+    "step": (1.0,),
+    "pulse": (1.0,),
+    "doublet": (1.0, -1.0),
+    "3-2-1-1": (3.0, -2.0, 1.0, -1.0),
+}
 
 
 @dataclass(frozen=True)
@@ -70,10 +85,13 @@ def fly(seeds: Sequence[int], length: float = LENGTH) -> list[LongFlight]:
     time = np.arange(round(length / STEP)) * STEP
     aircraft = [_aircraft(rng) for rng in generators]
     scripts = [_script(rng, time, one) for rng, one in zip(generators, aircraft, strict=True)]
-    motion = _march(time, aircraft, scripts, [_disturbances(rng, time, one) for rng, one in zip(generators, aircraft, strict=True)])
-    return [
-        _recorded(rng, time, {name: values[k] for name, values in motion.items()}, aircraft[k], scripts[k]) for k, rng in enumerate(generators)
-    ]
+    motion = _march(
+        time,
+        aircraft,
+        scripts,
+        [_disturbances(rng, time, one) for rng, one in zip(generators, aircraft, strict=True)],
+    )
+    return [_recorded(rng, time, {name: values[k] for name, values in motion.items()}, aircraft[k], scripts[k]) for k, rng in enumerate(generators)]
 
 
 def _aircraft(rng: np.random.Generator) -> dict[str, float]:
@@ -105,7 +123,10 @@ def _aircraft(rng: np.random.Generator) -> dict[str, float]:
 
 def _script(rng: np.random.Generator, time: np.ndarray, aircraft: dict[str, float]) -> _Script:
     script = _Script(
-        {control: np.zeros(time.size) for control in CONTROLS.values()}, np.zeros(time.size), {plane: np.ones(time.size) for plane in PLANES}, np.zeros(time.size)
+        {control: np.zeros(time.size) for control in CONTROLS.values()},
+        np.zeros(time.size),
+        {plane: np.ones(time.size) for plane in PLANES},
+        np.zeros(time.size),
     )
     clock = rng.uniform(40.0, 90.0)
     while True:
@@ -128,12 +149,24 @@ def _script(rng: np.random.Generator, time: np.ndarray, aircraft: dict[str, floa
     return script
 
 
-def _put(rng: np.random.Generator, script: _Script, time: np.ndarray, start: float, axis: str, kind: str, aircraft: dict[str, float]) -> float:
+def _put(
+    rng: np.random.Generator,
+    script: _Script,
+    time: np.ndarray,
+    start: float,
+    axis: str,
+    kind: str,
+    aircraft: dict[str, float],
+) -> float:
     """Write a maneuver into the script; its end, s."""
     size = float(rng.uniform(0.7, 1.5) * rng.choice([-1.0, 1.0])) * (0.15 if axis == "throttle" else aircraft["amplitude"])
     control = CONTROLS[axis]
     if kind == "turn":
-        bank, ramp, hold = rng.choice([-1, 1]) * rng.uniform(20.0, 45.0) * DEGREE, rng.uniform(3.0, 6.0), rng.uniform(15.0, 60.0)
+        bank, ramp, hold = (
+            rng.choice([-1, 1]) * rng.uniform(20.0, 45.0) * DEGREE,
+            rng.uniform(3.0, 6.0),
+            rng.uniform(15.0, 60.0),
+        )
         end = start + hold + 2.0 * ramp
         script.bank += bank * np.clip(np.minimum(time - start, end - time) / ramp, 0.0, 1.0)
     elif kind == "pull-up":
@@ -149,7 +182,14 @@ def _put(rng: np.random.Generator, script: _Script, time: np.ndarray, start: flo
         if kind == "sweep":
             low, high = rng.uniform(0.08, 0.25), rng.uniform(1.2, 2.5)
             low, high = (low, high) if rng.uniform() < 0.8 else (high, low)
-            wave = chirp(since, low, end - start, high, method=str(rng.choice(["linear", "logarithmic"])), phi=-90)
+            wave = chirp(
+                since,
+                low,
+                end - start,
+                high,
+                method=str(rng.choice(["linear", "logarithmic"])),
+                phi=-90,
+            )
             wave = wave * np.clip(np.minimum(since, end - start - since) / 0.5, 0.0, 1.0)
         else:
             first = max(1, round(0.1 * (end - start)))
@@ -210,7 +250,10 @@ def _disturbances(rng: np.random.Generator, time: np.ndarray, aircraft: dict[str
 
 
 def _march(
-    time: np.ndarray, aircraft: Sequence[dict[str, float]], scripts: Sequence[_Script], gusts: Sequence[dict[str, np.ndarray]]
+    time: np.ndarray,
+    aircraft: Sequence[dict[str, float]],
+    scripts: Sequence[_Script],
+    gusts: Sequence[dict[str, np.ndarray]],
 ) -> dict[str, np.ndarray]:
     """Semi-implicit Euler steps of all flights together; signals ``(F, N)``."""
     a = {key: np.array([one[key] for one in aircraft]) for key in aircraft[0]}
@@ -221,7 +264,22 @@ def _march(
     hands = {plane: np.array([script.hands[plane] for script in scripts]) for plane in PLANES}
     wanted = np.array([script.speed for script in scripts])
     gust = {key: np.array([one[key] for one in gusts]) for key in gusts[0]}
-    out = {name: np.zeros((count, time.size)) for name in ("V", "alpha", "q", "theta", "h", "beta", "p", "r", "phi", "psi", *CONTROLS.values())}
+    out = {
+        name: np.zeros((count, time.size))
+        for name in (
+            "V",
+            "alpha",
+            "q",
+            "theta",
+            "h",
+            "beta",
+            "p",
+            "r",
+            "phi",
+            "psi",
+            *CONTROLS.values(),
+        )
+    }
     V, alpha, q, theta, h, beta, p, r, phi, psi, elevator_p, aileron_p, thrust_p, held, level = np.zeros((15, count))
     for n in range(time.size):
         fly, roll = hands["symmetric"][:, n], hands["lateral"][:, n]
@@ -248,7 +306,11 @@ def _march(
         beta += STEP * (a["Yb"] * bg - r + GRAVITY / a["V"] * np.sin(phi))
         phi += STEP * p
         psi += STEP * r
-        for name, value in zip(out, (V, alpha, q, theta, h, beta, p, r, phi, psi, elevator, aileron, rudder, thrust), strict=True):
+        for name, value in zip(
+            out,
+            (V, alpha, q, theta, h, beta, p, r, phi, psi, elevator, aileron, rudder, thrust),
+            strict=True,
+        ):
             out[name][:, n] = value
     out["alpha"] = out["alpha"] + gust["alpha"]
     out["beta"] = out["beta"] + gust["beta"]
@@ -256,7 +318,13 @@ def _march(
     return out
 
 
-def _recorded(rng: np.random.Generator, time: np.ndarray, motion: dict[str, np.ndarray], aircraft: dict[str, float], script: _Script) -> LongFlight:
+def _recorded(
+    rng: np.random.Generator,
+    time: np.ndarray,
+    motion: dict[str, np.ndarray],
+    aircraft: dict[str, float],
+    script: _Script,
+) -> LongFlight:
     every = round(1.0 / (aircraft["rate"] * STEP))
     kept = slice(None, None, every)
     V = aircraft["V"]
@@ -279,12 +347,31 @@ def _recorded(rng: np.random.Generator, time: np.ndarray, motion: dict[str, np.n
     }
     noise = {
         **dict.fromkeys(("elevator", "aileron", "rudder"), 0.02 * DEGREE),
-        **{"thrust": 50.0, "alpha": 0.08 * DEGREE, "q": 0.08 * DEGREE, "nz": 0.012, "theta": 0.03 * DEGREE, "airspeed": 0.3, "height": 0.5},
-        **{"beta": 0.08 * DEGREE, "p": 0.1 * DEGREE, "r": 0.05 * DEGREE, "phi": 0.05 * DEGREE, "psi": 0.05 * DEGREE},
+        **{
+            "thrust": 50.0,
+            "alpha": 0.08 * DEGREE,
+            "q": 0.08 * DEGREE,
+            "nz": 0.012,
+            "theta": 0.03 * DEGREE,
+            "airspeed": 0.3,
+            "height": 0.5,
+        },
+        **{
+            "beta": 0.08 * DEGREE,
+            "p": 0.1 * DEGREE,
+            "r": 0.05 * DEGREE,
+            "phi": 0.05 * DEGREE,
+            "psi": 0.05 * DEGREE,
+        },
     }
     channels = {name: values[kept] + aircraft["noise"] * noise[name] * rng.standard_normal(values[kept].size) for name, values in clean.items()}
     inputs = {name: channels.pop(name) for name in CONTROLS.values()}
-    return LongFlight(Signals(time[kept], inputs, channels), tuple(script.known), tuple(script.quiet), aircraft["sigma"])
+    return LongFlight(
+        Signals(time[kept], inputs, channels),
+        tuple(script.known),
+        tuple(script.quiet),
+        aircraft["sigma"],
+    )
 
 
 @dataclass(frozen=True)

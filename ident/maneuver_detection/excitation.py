@@ -21,11 +21,20 @@ from ident.maneuver_detection.signals import Stretch
 # Axis -> what is differentiated, and derivative -> its regressor; a regressor that is not recorded is left out.
 EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "pitch": ("q", {"Cm_alpha": "alpha", "Cm_q": "q", "Cm_de": "elevator", "M_delta": "stick"}),
-    "roll": ("p", {"Cl_beta": "beta", "Cl_p": "p", "Cl_r": "r", "Cl_da": "aileron", "Cl_dr": "rudder"}),
-    "yaw": ("r", {"Cn_beta": "beta", "Cn_p": "p", "Cn_r": "r", "Cn_da": "aileron", "Cn_dr": "rudder"}),
+    "roll": (
+        "p",
+        {"Cl_beta": "beta", "Cl_p": "p", "Cl_r": "r", "Cl_da": "aileron", "Cl_dr": "rudder"},
+    ),
+    "yaw": (
+        "r",
+        {"Cn_beta": "beta", "Cn_p": "p", "Cn_r": "r", "Cn_da": "aileron", "Cn_dr": "rudder"},
+    ),
     "throttle": ("airspeed", {"X_V": "airspeed", "X_thrust": "thrust"}),
 }
-BEFORE, AFTER = 1.0, 4.0  # s of motion around the input that are used: the response goes on when the input is over
+BEFORE, AFTER = (
+    1.0,
+    4.0,
+)  # s of motion around the input that are used: the response goes on when the input is over
 AVERAGED = 0.1  # s, over which samples are averaged; a twentieth of a shorter maneuver
 FEWEST = 3.0  # averages a parameter
 CORRELATED = 0.95  # largest correlation of neighbours that is corrected for

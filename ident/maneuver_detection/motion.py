@@ -20,7 +20,13 @@ PULL_TIME = 1.2  # s, for which half of it lasts
 SMOOTH = 0.5  # s, over which motion is averaged
 TRIM_TIME = 10.0  # s, of the shortest trim point
 # Spread of 1 s averages within TRIM_TIME that a trim point may have; of the airspeed as a share.
-TRIM_SPREAD = {"airspeed": 0.025, "height": 8.0, "altitude": 8.0, "theta": math.radians(1.5), "phi": math.radians(4.0)}
+TRIM_SPREAD = {
+    "airspeed": 0.025,
+    "height": 8.0,
+    "altitude": 8.0,
+    "theta": math.radians(1.5),
+    "phi": math.radians(4.0),
+}
 
 
 def turns(stretch: Stretch) -> list[Maneuver]:
@@ -36,7 +42,16 @@ def turns(stretch: Stretch) -> list[Maneuver]:
             continue
         first, last = _to_level(bank * math.copysign(1.0, middle), lobe, LEVEL * abs(middle))
         if np.count_nonzero(np.abs(bank[first:last] - middle) < 0.2 * abs(middle)) * stretch.step > HELD_SHARE * (last - first) * stretch.step:
-            out.append(Maneuver(float(stretch.time[first]), float(stretch.time[last]), "roll", "turn", "phi", abs(middle)))
+            out.append(
+                Maneuver(
+                    float(stretch.time[first]),
+                    float(stretch.time[last]),
+                    "roll",
+                    "turn",
+                    "phi",
+                    abs(middle),
+                )
+            )
     return out
 
 
@@ -77,7 +92,7 @@ def trim_points(stretch: Stretch, quiet: np.ndarray) -> list[Maneuver]:
         steady &= around <= allowed
     # Each steady sample is the middle of a steady window; between two of them it stays steady.
     edges = np.flatnonzero(np.diff(steady.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    out = []
+    out: list[Maneuver] = []
     for first, last in edges:
         low, high = max(0, first - size // 2), min(quiet.size, last + size // 2)
         while low < first and not quiet[low:first].all():
@@ -94,5 +109,9 @@ def trim_points(stretch: Stretch, quiet: np.ndarray) -> list[Maneuver]:
 def mean_conditions(stretch: Stretch, start: float, end: float) -> dict[str, float]:
     """Mean airspeed and height between two times, of what is recorded."""
     rows = stretch.rows(start, end)
-    names: Sequence[tuple[str, str]] = (("airspeed", "airspeed"), ("altitude", "height"), ("height", "height"))
+    names: Sequence[tuple[str, str]] = (
+        ("airspeed", "airspeed"),
+        ("altitude", "height"),
+        ("height", "height"),
+    )
     return {shown: float(np.mean(stretch.outputs[name][rows])) for name, shown in names if name in stretch.outputs}

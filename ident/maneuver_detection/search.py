@@ -9,10 +9,28 @@ import numpy as np
 
 from ident.maneuver_detection.excitation import excitation_of
 from ident.maneuver_detection.motion import mean_conditions, pulls, trim_points, turns
-from ident.maneuver_detection.shapes import SWITCH, Shape, lobes_of, oscillation_of, same_lines, step_shapes
-from ident.maneuver_detection.signals import AXES, Activity, Maneuver, Signals, Stretch, activity_of, stretches
+from ident.maneuver_detection.shapes import (
+    SWITCH,
+    Shape,
+    lobes_of,
+    oscillation_of,
+    same_lines,
+    step_shapes,
+)
+from ident.maneuver_detection.signals import (
+    AXES,
+    Activity,
+    Maneuver,
+    Signals,
+    Stretch,
+    activity_of,
+    stretches,
+)
 
-SEED, EDGE = 4.0, 2.0  # of the rest level: energy that begins an active part, and energy down to which it extends
+SEED, EDGE = (
+    4.0,
+    2.0,
+)  # of the rest level: energy that begins an active part, and energy down to which it extends
 QUIET = 1.5  # s below EDGE that part two active parts
 MARGIN = 2.0  # s of rest with which an active part is looked at
 DOMINANT = 0.5  # of an oscillation's energy, from which on one pattern of levels explains it
@@ -97,7 +115,12 @@ def _maneuver(stretch: Stretch, each: Candidate) -> Maneuver:
 
 def _ratio(activity: Activity) -> np.ndarray:
     """Energy over rest level; zero where both are."""
-    return np.divide(activity.energy, activity.rest, out=np.zeros_like(activity.energy), where=activity.rest > 0.0)
+    return np.divide(
+        activity.energy,
+        activity.rest,
+        out=np.zeros_like(activity.energy),
+        where=activity.rest > 0.0,
+    )
 
 
 def _quiet(stretch: Stretch, activities: Mapping[str, Activity], moves: Sequence[Maneuver]) -> np.ndarray:
@@ -150,7 +173,10 @@ def _energy(activity: Activity, shape: Shape) -> float:
 def _from_rest(candidates: Sequence[Candidate], rest: int) -> list[Candidate]:
     """The candidates, largest first, without those within ``rest`` samples of a larger one of their control."""
     kept: list[Candidate] = []
-    for each in sorted(candidates, key=lambda each: -each.strength * float(np.sqrt(each.shape.last - each.shape.first))):
+    for each in sorted(
+        candidates,
+        key=lambda each: -each.strength * float(np.sqrt(each.shape.last - each.shape.first)),
+    ):
         if not any(each.shape.first < other.shape.last + rest and other.shape.first < each.shape.last + rest for other in kept):
             kept.append(each)
     return kept
@@ -172,7 +198,10 @@ def _rolls_into(stretch: Stretch, each: Candidate, turning: Sequence[Maneuver]) 
     """Whether an input of roll or yaw belongs to the beginning or the end of a turn."""
     if each.axis not in ("roll", "yaw") or each.shape.kind in (*OSCILLATIONS, "3-2-1-1"):
         return False
-    start, end = stretch.time[each.shape.first], stretch.time[min(each.shape.last, stretch.time.size - 1)]
+    start, end = (
+        stretch.time[each.shape.first],
+        stretch.time[min(each.shape.last, stretch.time.size - 1)],
+    )
     return any(abs(edge - 0.5 * (start + end)) < ROLLING or start < edge < end for turn in turning for edge in (turn.start, turn.end))
 
 
@@ -196,7 +225,10 @@ def with_pulls(stretch: Stretch, activities: Mapping[str, Activity], candidates:
 
 def _pulling(stretch: Stretch, activity: Activity, first: int, last: int) -> tuple[int, int] | None:
     """The lobe of a control that leads to an excursion of the load factor: the first strong one that begins at most 2 s before it."""
-    before, after = max(0, first - stretch.samples(2.0)), min(activity.deviation.size, last + stretch.samples(10.0))
+    before, after = (
+        max(0, first - stretch.samples(2.0)),
+        min(activity.deviation.size, last + stretch.samples(10.0)),
+    )
     part = activity.deviation[before:after]
     amplitude = float(np.max(np.abs(part[: last - before])))
     lobes = [each for each in lobes_of(part, SWITCH * amplitude) if each.size * stretch.step > 0.8 and before + each.first < last]
@@ -208,9 +240,7 @@ def without_reactions(activities: Mapping[str, Activity], candidates: Sequence[C
     kept: list[Candidate] = []
     for each in sorted(candidates, key=lambda each: -each.strength * each.shape.flatness):
         others = [
-            other
-            for other in kept
-            if other.channel != each.channel and other.shape.first < each.shape.last and each.shape.first < other.shape.last
+            other for other in kept if other.channel != each.channel and other.shape.first < each.shape.last and each.shape.first < other.shape.last
         ]
         if all(_independent(activities, each, other) for other in others):
             kept.append(each)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -70,7 +71,7 @@ def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list
     sign = np.where(deviation > switch, 1, np.where(deviation < -switch, -1, 0)).astype(np.int8)
     edges = np.flatnonzero(np.diff(sign, prepend=0, append=0))
     out: list[Lobe] = []
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in itertools.pairwise(edges):
         if sign[first] == 0:
             continue
         if join and out and np.sign(out[-1].level) == sign[first]:
@@ -154,7 +155,7 @@ def _changes(stretch: Stretch, values: np.ndarray, rise: float) -> np.ndarray:
     half = max(1, stretch.samples(0.5 * rise))
     total = np.cumsum(np.pad(values - values[0], (half + 1, half), mode="edge"))
     after, before = total[2 * half :] - total[half:-half], total[half:-half] - total[: -2 * half]
-    return (after - before)[:values.size] / half
+    return (after - before)[: values.size] / half
 
 
 def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.ndarray:

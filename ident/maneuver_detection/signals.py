@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -9,7 +10,13 @@ import numpy as np
 from scipy.ndimage import median_filter, percentile_filter, uniform_filter1d
 
 # Controls by the axis that they move; of several controls of an axis each is searched.
-AXES: Mapping[str, str] = {"elevator": "pitch", "stick": "pitch", "aileron": "roll", "rudder": "yaw", "thrust": "throttle"}
+AXES: Mapping[str, str] = {
+    "elevator": "pitch",
+    "stick": "pitch",
+    "aileron": "roll",
+    "rudder": "yaw",
+    "thrust": "throttle",
+}
 FASTEST = 50.0  # Hz; a faster record is averaged down to at most this rate
 PAUSE = 1.0  # s without a row, behind which another stretch begins
 TRIM_WINDOW = 60.0  # s; an input held shorter than half of it is no trim
@@ -62,7 +69,18 @@ class Maneuver:
     excitation: Mapping[str, float] = field(default_factory=dict)
 
 
-KINDS = ("trim", "step", "pulse", "doublet", "3-2-1-1", "multistep", "sweep", "multisine", "pull-up", "turn")
+KINDS = (
+    "trim",
+    "step",
+    "pulse",
+    "doublet",
+    "3-2-1-1",
+    "multistep",
+    "sweep",
+    "multisine",
+    "pull-up",
+    "turn",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +101,10 @@ class Stretch:
 
     def rows(self, start: float, stop: float) -> slice:
         """The rows from ``start`` to ``stop``, s."""
-        return slice(int(np.searchsorted(self.time, start)), int(np.searchsorted(self.time, stop, side="right")))
+        return slice(
+            int(np.searchsorted(self.time, start)),
+            int(np.searchsorted(self.time, stop, side="right")),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +128,7 @@ def stretches(signals: Signals) -> Iterator[Stretch]:
     usual = float(np.median(intervals)) if intervals.size else 1.0
     breaks = np.flatnonzero(intervals > max(PAUSE, 5.0 * usual)) + 1
     edges = [0, *breaks.tolist(), time.size]
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in itertools.pairwise(edges):
         if last - first >= 8:
             yield _even(signals, slice(first, last), usual)
 
@@ -150,7 +171,12 @@ def rest_level(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
     """The short-time energy at rest: a low quantile over ``REST_WINDOW``, which maneuvers that fill most of it do not raise."""
     every = stretch.samples(ENERGY_WINDOW)
     coarse = short_time_energy(stretch, deviation)[every // 2 :: every]
-    rest = percentile_filter(coarse, REST_SHARE, size=min(coarse.size, round(REST_WINDOW / ENERGY_WINDOW)), mode="nearest")
+    rest = percentile_filter(
+        coarse,
+        REST_SHARE,
+        size=min(coarse.size, round(REST_WINDOW / ENERGY_WINDOW)),
+        mode="nearest",
+    )
     floor = LEAST_REST * float(np.max(np.abs(deviation)))
     positions = np.arange(coarse.size) * every + every // 2
     return np.maximum(np.interp(np.arange(deviation.size), positions, rest), floor)
@@ -164,4 +190,8 @@ def trim_of(stretch: Stretch, values: np.ndarray) -> np.ndarray:
     count = values.size // block
     blocks = np.median(values[: count * block].reshape(count, block), axis=1)
     size = min(count, round(TRIM_WINDOW * TRIM_RATE)) | 1
-    return np.interp(np.arange(values.size), np.arange(count) * block + 0.5 * (block - 1), median_filter(blocks, size=size, mode="nearest"))
+    return np.interp(
+        np.arange(values.size),
+        np.arange(count) * block + 0.5 * (block - 1),
+        median_filter(blocks, size=size, mode="nearest"),
+    )

@@ -16,6 +16,7 @@ from scenarios.identification.identify import identify
 from scenarios.identification.input_reading import opposite, other_reading
 from scenarios.identification.methods import FILTERS, METHODS, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
+from scenarios.preparation.cruise import cruise_caution
 from scenarios.preparation.plausibility import refuse_still, refuse_strangers, refuse_unpredictable
 from scenarios.preparation.reading import prepare
 from scenarios.preparation.request import Request, column_choices, flown_of
@@ -94,7 +95,9 @@ def _identified(
     refuse_unpredictable(ready.validation, ready.model)
     first, *others = ready.measured if own else ready.fitted
     found = identify(first, vehicle, method, others, ready.model, ready.validation, asked)
-    return ready, replace(found, notes=(*ready.notes, *found.notes), doubts=ready.doubts, look=ready.look)
+    cruise = cruise_caution(ready.measured, files[0][0].identity.name)
+    doubts = (*ready.doubts, *([cruise] if cruise else []))
+    return ready, replace(found, notes=(*ready.notes, *found.notes), doubts=doubts, look=ready.look)
 
 
 def _read_otherwise(found: Identification, again: Callable[[Hold], Identification]) -> Identification:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -41,6 +41,7 @@ class Plan:
     rate : Hz, to which all channels are resampled behind one anti-alias filter; None keeps the samples.
     lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.
     trusted : what the raw columns show is only warned of; nothing is refused or set aside for it.
+    chosen : sentences on where the segments come from, where a file of maneuvers gave them.
     """
 
     segments: tuple[Segment, ...] = WHOLE
@@ -48,6 +49,7 @@ class Plan:
     rate: float | None = None
     lowpass: float | None = None
     trusted: bool = False
+    chosen: tuple[str, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         for option, value in (("--rate", self.rate), ("--lowpass", self.lowpass)):

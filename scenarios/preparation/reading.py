@@ -92,7 +92,7 @@ def prepare(
     records, look = looked_at([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
     ready = for_model(read[:split], model, plan, read[split:], decided)
-    return replace(ready, doubts=(*look.doubts, *ready.doubts), look=look)
+    return replace(ready, notes=(*plan.chosen, *ready.notes), doubts=(*look.doubts, *ready.doubts), look=look)
 
 
 def for_model(
