@@ -204,6 +204,8 @@ def _put(
         durations = np.abs(PATTERNS[kind]) * unit * rng.uniform(0.88, 1.12, len(PATTERNS[kind]))
         edges = start + np.concatenate([[0.0], np.cumsum(durations)])
         rise = rng.uniform(0.05, 0.3)  # s, in which a level is reached
+        if kind in ("doublet", "3-2-1-1") and axis != "throttle" and rng.uniform() < 0.25:
+            rise = rng.uniform(0.5, 0.9) * min(durations)  # flown by hand on a large aircraft
         for sign, first, last in zip(np.sign(PATTERNS[kind]), edges[:-1], edges[1:], strict=True):
             level = sign * size * rng.uniform(0.85, 1.15) * (0.6 if kind == "step" else 1.0)
             script.command[control] += level * (np.clip((time - first) / rise, 0.0, 1.0) - np.clip((time - last) / rise, 0.0, 1.0))

@@ -42,15 +42,16 @@ ALL = "all"  # axis of a trim point
 # Least strength, flatness, edge and sharpness of each kind, chosen on the flights 0 to 19 of tests/long_flights.
 ACCEPT: Mapping[str, tuple[float, float, float, float]] = {
     "step": (3.5, 0.6, 5.5, 0.6),
-    "pulse": (9.0, 0.75, 7.0, 0.5),
-    "doublet": (7.0, 0.7, 6.0, 0.4),
-    "3-2-1-1": (6.5, 0.7, 5.5, 0.4),
-    "multistep": (7.5, 0.7, 6.0, 0.4),
-    "sweep": (3.0, 0.65, 0.0, 0.0),
+    "pulse": (8.0, 0.75, 7.0, 0.5),
+    "doublet": (5.0, 0.7, 5.5, 0.2),
+    "3-2-1-1": (5.0, 0.7, 5.5, 0.2),
+    "multistep": (6.0, 0.7, 6.0, 0.35),
+    "sweep": (4.8, 0.65, 0.0, 0.0),
     "multisine": (5.0, 0.0, 0.0, 0.0),
     "pull-up": (9.0, 0.0, 0.0, 0.0),
 }
 OSCILLATIONS = ("sweep", "multisine")
+ALTERNATING = ("doublet", "3-2-1-1", "multistep", *OSCILLATIONS)
 
 
 @dataclass(frozen=True)
@@ -214,7 +215,7 @@ def with_pulls(stretch: Stretch, activities: Mapping[str, Activity], candidates:
     for first, last in pulls(stretch):
         lobe = _pulling(stretch, activity, first, last)
         near = [c for c in candidates if c.axis == "pitch" and accepted(c) and c.shape.first < last and c.shape.last > first - recovery]
-        if lobe is None or any(c.shape.sharpness > SHARP for c in near):
+        if lobe is None or any(c.shape.sharpness > SHARP or c.shape.kind in ALTERNATING for c in near):
             continue
         amplitude = float(np.max(np.abs(activity.deviation[slice(*lobe)])))
         strength = amplitude / float(np.mean(activity.rest[slice(*lobe)]))

@@ -21,6 +21,7 @@ LEVELS = 0.3  # of the largest level, which each must reach
 RETURN = 0.6  # of the largest level, to which the input must return
 CANCEL = 0.35  # of the larger, by which the two level changes of a pulse or a step may differ where the pilot moves the trim meanwhile
 OPEN = 0.8  # of the largest level, by which the sum of a pattern's level changes may differ from zero
+COMPLETE = 0.15  # power of the number of levels in the merit of a pattern: of two that are alike the fuller one counts
 SETTLE = 0.6  # s before and after a pattern, over which the levels outside are averaged
 SHARES = {"3-2-1-1": np.array([3.0, 2.0, 1.0, 1.0]) / 7.0}
 SHARE_ERROR = 0.1  # of the whole duration, by which a level of a 3-2-1-1 may be off
@@ -147,7 +148,7 @@ def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
     jumps = np.abs(np.diff([0.0, *levels, 0.0]))
     fast = [float(np.max(np.abs(control.fast[max(0, k - control.half) : k + control.half + 1]))) for k in at]
     sharpness = float(np.min(np.array(fast) / jumps))
-    return flatness * energy, Shape(kind, int(at[0]), int(at[-1]), float(np.max(np.abs(levels))), flatness, edge, sharpness)
+    return flatness * energy * levels.size**COMPLETE, Shape(kind, int(at[0]), int(at[-1]), float(np.max(np.abs(levels))), flatness, edge, sharpness)
 
 
 def _changes(stretch: Stretch, values: np.ndarray, rise: float) -> np.ndarray:
@@ -169,8 +170,10 @@ def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.nda
 def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float] | None:
     """Flatness, levels and energy of a control between level changes; None where the levels are of no pattern."""
     values, half, settle = control.values, control.half, control.stretch.samples(SETTLE)
-    base = float(values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)].mean())
-    after = values[at[-1] + half : at[-1] + half + settle]
+    before = float(values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)].mean())
+    later = values[at[-1] + half : at[-1] + half + settle]
+    after = float(later.mean()) if later.size else before
+    base = before if at.size == 2 else 0.5 * (before + after)
     levels, scatter, weight = [], 0.0, 0
     for first, last in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
         inside = min(half, (last - first) // 4)
@@ -184,11 +187,11 @@ def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float
     if np.any(found[1:] * found[:-1] >= 0.0) or np.min(np.abs(found)) < LEVELS * largest:
         return None
     jumps = control.moved[at]
-    cancel = at.size == 2 and abs(float(jumps.sum())) <= CANCEL * float(np.max(np.abs(jumps)))
-    if after.size and abs(float(after.mean()) - base) > RETURN * largest and not cancel:
+    cancel = abs(float(jumps.sum())) <= CANCEL * float(np.max(np.abs(jumps)))
+    if abs(after - before) > RETURN * largest and not cancel:
         return None
     offset = base - float(np.median(control.trim[at[0] : at[-1]]))
-    if abs(offset) > RETURN * largest:
+    if abs(offset) > (RETURN if at.size == 2 else 1.0) * largest:
         return None
     flatness = 1.0 - float(np.sqrt(scatter / weight)) / largest
     return flatness, found, float(np.sum((found + offset) ** 2 * np.diff(at)))
@@ -226,16 +229,22 @@ def oscillation_of(deviation: np.ndarray) -> Shape | None:
         return None
     levels = np.abs([lobe.level for lobe in lobes])
     strong = np.flatnonzero(levels >= 0.5 * np.median(levels))
-    some: Sequence[Lobe] = lobes[strong[0] : strong[-1] + 1]
-    periods = np.diff([0.5 * (lobe.first + lobe.last) for lobe in some])
+    some = lobes[strong[0] : strong[-1] + 1]
+    trend, ratio = _trend(some)
+    if trend >= TREND and max(ratio, 1.0 / ratio) >= SPREAD:
+        return Shape("sweep", some[0].first, some[-1].last, amplitude, trend)
+    return Shape("multisine", some[0].first, some[-1].last, amplitude, trend) if len(some) >= OSCILLATION - 1 else None
+
+
+def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
+    """How steadily half waves become shorter or longer (rank correlation), and how much longer the first are than the last."""
+    periods = np.diff([0.5 * (lobe.first + lobe.last) for lobe in lobes])
     if periods.size < OSCILLATION - 2:
-        return None
+        return 0.0, 1.0
     ranks = np.argsort(np.argsort(periods, kind="stable"), kind="stable")
-    trend = abs(float(np.corrcoef(np.arange(periods.size), ranks)[0, 1]))
     third = max(1, periods.size // 3)
-    ratio = float(np.mean(periods[:third]) / np.mean(periods[-third:]))
-    sweep = trend >= TREND and max(ratio, 1.0 / ratio) >= SPREAD
-    return Shape("sweep" if sweep else "multisine", some[0].first, some[-1].last, amplitude, trend)
+    trend = abs(float(np.corrcoef(np.arange(periods.size), ranks)[0, 1]))
+    return trend, float(np.mean(periods[:third]) / np.mean(periods[-third:]))
 
 
 def same_lines(first: np.ndarray, second: np.ndarray) -> bool:
