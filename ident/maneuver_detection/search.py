@@ -33,6 +33,7 @@ SEED, EDGE = (
 )  # of the rest level: energy that begins an active part, and energy down to which it extends
 QUIET = 1.5  # s below EDGE that part two active parts
 MARGIN = 2.0  # s of rest with which an active part is looked at
+SEVERAL, WEAK = 2, 3.0  # patterns of levels in an oscillation that show it, be it as weak as that
 DOMINANT = 0.5  # of an oscillation's energy, from which on one pattern of levels explains it
 AT_REST = 1.5  # s about a pattern of levels in which there is no smaller one: neither began at rest
 RECOVERY = 8.0  # s after another maneuver in which the pilot recovers and pulls up nothing
@@ -43,9 +44,9 @@ ALL = "all"  # axis of a trim point
 ACCEPT: Mapping[str, tuple[float, float, float, float]] = {
     "step": (3.5, 0.6, 5.5, 0.6),
     "pulse": (8.0, 0.75, 7.0, 0.5),
-    "doublet": (5.0, 0.7, 5.5, 0.2),
-    "3-2-1-1": (5.0, 0.7, 5.5, 0.2),
-    "multistep": (6.0, 0.7, 6.0, 0.35),
+    "doublet": (6.0, 0.7, 5.5, 0.2),
+    "3-2-1-1": (5.5, 0.7, 5.5, 0.2),
+    "multistep": (7.5, 0.7, 6.0, 0.4),
     "sweep": (4.8, 0.65, 0.0, 0.0),
     "multisine": (5.0, 0.0, 0.0, 0.0),
     "pull-up": (9.0, 0.0, 0.0, 0.0),
@@ -95,7 +96,7 @@ def _found_in(stretch: Stretch) -> list[Maneuver]:
     candidates = [each for name, activity in activities.items() for each in candidates_of(stretch, name, activity)]
     turning = turns(stretch)
     candidates = with_pulls(stretch, activities, candidates)
-    candidates = [each for each in candidates if accepted(each) and not _rolls_into(stretch, each, turning)]
+    candidates = [each for each in candidates if not _rolls_into(stretch, each, turning)]
     candidates = without_reactions(activities, candidates)
     moves = [*(_maneuver(stretch, each) for each in candidates), *turning]
     calm = trim_points(stretch, _quiet(stretch, activities, moves))
@@ -158,7 +159,8 @@ def candidates_of(stretch: Stretch, name: str, activity: Activity) -> list[Candi
         inside = [each for each in found if each.shape.first < last and first < each.shape.last]
         explained = max((_energy(activity, each.shape) for each in inside), default=0.0)
         whole = Candidate(name, wave, float(np.median(ratio[wave.first : wave.last])))
-        if explained < DOMINANT * _energy(activity, wave) and accepted(whole):
+        many = len(inside) >= SEVERAL and whole.strength >= WEAK
+        if explained < DOMINANT * _energy(activity, wave) and (accepted(whole) or many):
             found = [*(each for each in found if each not in inside), whole]
     return found
 
@@ -220,7 +222,8 @@ def with_pulls(stretch: Stretch, activities: Mapping[str, Activity], candidates:
         amplitude = float(np.max(np.abs(activity.deviation[slice(*lobe)])))
         strength = amplitude / float(np.mean(activity.rest[slice(*lobe)]))
         candidates = [c for c in candidates if c.axis != "pitch" or c.shape.last <= lobe[0] or c.shape.first >= last + recovery]
-        candidates.append(Candidate(control, Shape("pull-up", *lobe, amplitude), strength))
+        pull = Candidate(control, Shape("pull-up", *lobe, amplitude), strength)
+        candidates += [pull] if accepted(pull) else []
     return candidates
 
 
