@@ -24,6 +24,7 @@ from ident.maneuver_detection.signals import (
     Signals,
     Stretch,
     activity_of,
+    trim_of,
     stretches,
 )
 
@@ -39,6 +40,8 @@ AT_REST = 1.5  # s about a pattern of levels in which there is no smaller one: n
 RECOVERY = 8.0  # s after another maneuver in which the pilot recovers and pulls up nothing
 SHARP = 0.45  # sharpness, from which on an input that changes the load factor is no pull-up
 ROLLING = 8.0  # s about the beginning and the end of a turn in which roll and yaw inputs belong to it
+DAMPED = {"yaw": "r"}  # rate that a damper feeds back, where taking it off was measured to help
+COHERENT = 0.3  # share of a control's motion at rest that its damper must explain
 ALL = "all"  # axis of a trim point
 # Least strength, flatness, edge and sharpness of each kind, chosen on the flights 0 to 19 of tests/long_flights.
 ACCEPT: Mapping[str, tuple[float, float, float, float]] = {
@@ -91,7 +94,26 @@ def active_share(signals: Signals) -> float:
     return moving / total if total else 0.0
 
 
+def without_feedback(stretch: Stretch, name: str) -> np.ndarray:
+    """A control without what a damper adds to it: its share of the angular rate, as the samples at rest show it.
+
+    The control comes back as it is where the rate explains less than ``COHERENT`` of its motion at rest.
+    """
+    values, rate = stretch.inputs[name], DAMPED.get(AXES[name], "")
+    if rate not in stretch.outputs:
+        return values
+    activity = activity_of(stretch, values)
+    turning = stretch.outputs[rate] - trim_of(stretch, stretch.outputs[rate])
+    rest = _ratio(activity) <= EDGE
+    moved, turned = activity.deviation[rest], turning[rest]
+    own, power, common = float(moved @ moved), float(turned @ turned), float(moved @ turned)
+    if power <= 0.0 or common**2 < COHERENT * power * own:
+        return values
+    return values - common / power * turning
+
+
 def _found_in(stretch: Stretch) -> list[Maneuver]:
+    stretch = replace(stretch, inputs={name: without_feedback(stretch, name) for name in stretch.inputs})
     activities = {name: activity_of(stretch, values) for name, values in stretch.inputs.items()}
     candidates = [each for name, activity in activities.items() for each in candidates_of(stretch, name, activity)]
     turning = turns(stretch)
