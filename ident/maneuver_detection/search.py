@@ -24,8 +24,8 @@ from ident.maneuver_detection.signals import (
     Signals,
     Stretch,
     activity_of,
-    trim_of,
     stretches,
+    trim_of,
 )
 
 SEED, EDGE = (

@@ -72,12 +72,12 @@ def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list
     sign = np.where(deviation > switch, 1, np.where(deviation < -switch, -1, 0)).astype(np.int8)
     edges = np.flatnonzero(np.diff(sign, prepend=0, append=0))
     out: list[Lobe] = []
-    for first, last in itertools.pairwise(edges):
+    for first, last in itertools.pairwise(edges.tolist()):
         if sign[first] == 0:
             continue
         if join and out and np.sign(out[-1].level) == sign[first]:
             first = out.pop().first
-        out.append(Lobe(int(first), int(last), float(np.mean(deviation[first:last]))))
+        out.append(Lobe(first, last, float(np.mean(deviation[first:last]))))
     return out
 
 
