@@ -164,7 +164,9 @@ def activity_of(stretch: Stretch, values: np.ndarray) -> Activity:
 
 def short_time_energy(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
     """Root mean square over ``ENERGY_WINDOW`` about each sample."""
-    return np.sqrt(uniform_filter1d(deviation**2, stretch.samples(ENERGY_WINDOW), mode="nearest"))
+    # The running sum leaves rounding errors of either sign where a clean input rests.
+    power = uniform_filter1d(deviation**2, stretch.samples(ENERGY_WINDOW), mode="nearest")
+    return np.sqrt(np.maximum(power, 0.0))
 
 
 def rest_level(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:

@@ -114,8 +114,7 @@ def test_multisines_together_and_a_control_that_follows() -> None:
     times, _ = quiet(120.0, 0)
     lines = orthogonal_multisines([0.015, 0.015, 0.015], 20.0, 2, 40, 50.0)
     values = {
-        name: quiet(120.0, seed)[1] + line(times)
-        for seed, (name, line) in enumerate(zip(("elevator", "aileron", "rudder"), lines, strict=True))
+        name: quiet(120.0, seed)[1] + line(times) for seed, (name, line) in enumerate(zip(("elevator", "aileron", "rudder"), lines, strict=True))
     }
     found = [each for each in find_maneuvers(Signals(times, values, {})) if each.kind != "trim"]
     assert sorted(each.axis for each in found) == ["pitch", "roll", "yaw"]
