@@ -64,6 +64,7 @@ contents = {
     "how-to/README": [
         "how-to/own-record",
         "how-to/estimate",
+        "how-to/maneuvers",
         "how-to/own-flight-data",
         "how-to/lateral-and-longitudinal",
         "own-models",

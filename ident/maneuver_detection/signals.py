@@ -173,12 +173,13 @@ def rest_level(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
     """The short-time energy at rest: a low quantile over ``REST_WINDOW``, which maneuvers that fill most of it do not raise."""
     every = stretch.samples(ENERGY_WINDOW)
     coarse = short_time_energy(stretch, deviation)[every // 2 :: every]
-    rest = percentile_filter(
-        coarse,
-        REST_SHARE,
-        size=min(coarse.size, round(REST_WINDOW / ENERGY_WINDOW)),
-        mode="nearest",
-    )
+    size = round(REST_WINDOW / ENERGY_WINDOW)
+    if coarse.size <= size:
+        rest = np.full(coarse.size, float(np.percentile(coarse, REST_SHARE)))
+    else:  # near its ends a record is judged by its first and last whole window
+        half = size // 2
+        rest = percentile_filter(coarse, REST_SHARE, size=size)
+        rest[:half], rest[-half:] = rest[half], rest[-half - 1]
     floor = LEAST_REST * float(np.max(np.abs(deviation)))
     positions = np.arange(coarse.size) * every + every // 2
     return np.maximum(np.interp(np.arange(deviation.size), positions, rest), floor)
@@ -195,5 +196,5 @@ def trim_of(stretch: Stretch, values: np.ndarray) -> np.ndarray:
     return np.interp(
         np.arange(values.size),
         np.arange(count) * block + 0.5 * (block - 1),
-        median_filter(blocks, size=size, mode="nearest"),
+        median_filter(blocks, size=size, mode="reflect"),
     )

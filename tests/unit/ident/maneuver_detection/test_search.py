@@ -191,3 +191,14 @@ def test_a_million_rows() -> None:
     found = find_maneuvers(Signals(np.arange(1_000_000) / RATE, inputs, tiled))
     assert time.process_time() - began < 5.0
     assert len(found) > 100
+
+
+def test_a_short_record_without_noise() -> None:
+    """Rest before the first level change takes one second, the whole record twenty, and the input is exact."""
+    times = np.arange(1000) / RATE
+    values = three_two_one_one(0.07, 0.5, 1.0)(times) - doublet(0.035, 1.0, 9.0)(times)
+    found = find_maneuvers(Signals(times, {"elevator": values}, {}))
+    assert [(each.kind, each.start, each.end) for each in found if each.kind != "trim"] == [
+        ("3-2-1-1", pytest.approx(1.0, abs=0.1), pytest.approx(4.5, abs=0.1)),
+        ("doublet", pytest.approx(9.0, abs=0.1), pytest.approx(11.0, abs=0.1)),
+    ]
