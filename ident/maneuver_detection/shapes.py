@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from ident.maneuver_detection.signals import Stretch, rest_level
 
@@ -86,6 +85,8 @@ def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[
 
     ``values``, ``trim`` : ``(N,)``, the control and its local trim.
     """
+    from scipy.signal import find_peaks  # takes long to import, and most commands search nothing
+
     found: dict[tuple[int, ...], tuple[float, Shape]] = {}
     fast = _changes(stretch, values, RISES[0])
     for rise in RISES:

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from ident.maneuver_detection import KINDS, Signals, active_share, find_maneuvers
 from sim.maneuvers.multisine import orthogonal_multisines
-from sim.maneuvers.steps import doublet, pulse, three_two_one_one
+from sim.maneuvers.steps import Maneuver, doublet, pulse, three_two_one_one
 from sim.maneuvers.sweep import Sweep
 from tests.long_flights import LongFlight, Score, fly, score
 
@@ -67,7 +67,7 @@ def quiet(length: float, seed: int, noise: float = NOISE) -> tuple[np.ndarray, n
 
 
 AT = 61.0
-FLOWN = {
+FLOWN: dict[str, tuple[Maneuver, float]] = {
     "doublet": (doublet(0.02, 1.0, AT), 2.0),
     "3-2-1-1": (three_two_one_one(0.02, 0.8, AT), 5.6),
     "pulse": (pulse(-0.02, 1.2, AT), 1.2),
@@ -138,8 +138,8 @@ def test_turn_and_pull_up() -> None:
     assert [(each.kind, each.axis) for each in found] == [("turn", "roll"), ("pull-up", "pitch")]
     turn, up = found
     assert turn.amplitude == pytest.approx(np.radians(35.0), rel=0.02)
-    assert (turn.start, turn.end) == (pytest.approx(40.0, abs=2.0), pytest.approx(80.0, abs=2.0))
-    assert (up.start, up.end) == (pytest.approx(150.0, abs=1.0), pytest.approx(156.0, abs=1.0))
+    assert [turn.start, turn.end] == pytest.approx([40.0, 80.0], abs=2.0)
+    assert [up.start, up.end] == pytest.approx([150.0, 156.0], abs=1.0)
     assert turn.conditions == {"airspeed": pytest.approx(80.0)}
 
 
@@ -198,7 +198,7 @@ def test_a_short_record_without_noise() -> None:
     times = np.arange(1000) / RATE
     values = three_two_one_one(0.07, 0.5, 1.0)(times) - doublet(0.035, 1.0, 9.0)(times)
     found = find_maneuvers(Signals(times, {"elevator": values}, {}))
-    assert [(each.kind, each.start, each.end) for each in found if each.kind != "trim"] == [
-        ("3-2-1-1", pytest.approx(1.0, abs=0.1), pytest.approx(4.5, abs=0.1)),
-        ("doublet", pytest.approx(9.0, abs=0.1), pytest.approx(11.0, abs=0.1)),
-    ]
+    found = tuple(each for each in found if each.kind != "trim")
+    assert [each.kind for each in found] == ["3-2-1-1", "doublet"]
+    assert [each.start for each in found] == pytest.approx([1.0, 9.0], abs=0.1)
+    assert [each.end for each in found] == pytest.approx([4.5, 11.0], abs=0.1)
