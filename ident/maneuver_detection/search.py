@@ -42,6 +42,7 @@ SHARP = 0.45  # sharpness, from which on an input that changes the load factor i
 ROLLING = 8.0  # s about the beginning and the end of a turn in which roll and yaw inputs belong to it
 DAMPED = {"yaw": "r"}  # rate that a damper feeds back, where taking it off was measured to help
 COHERENT = 0.3  # share of a control's motion at rest that its damper must explain
+LEADS = 2.0  # ratio of the rises of two controls above their rest levels, from which on the smaller follows the larger
 ALL = "all"  # axis of a trim point
 # Least strength, flatness, edge and sharpness of each kind, chosen on the flights 0 to 19 of tests/long_flights.
 ACCEPT: Mapping[str, tuple[float, float, float, float]] = {
@@ -268,9 +269,16 @@ def without_reactions(activities: Mapping[str, Activity], candidates: Sequence[C
         others = [
             other for other in kept if other.channel != each.channel and other.shape.first < each.shape.last and each.shape.first < other.shape.last
         ]
-        if all(_independent(activities, each, other) for other in others):
+        if all(_independent(activities, each, other) for other in others) and not _follows(activities, each):
             kept.append(each)
     return kept
+
+
+def _follows(activities: Mapping[str, Activity], each: Candidate) -> bool:
+    """Whether another control moves more than ``LEADS`` times as far above its rest level meanwhile, be it without a form."""
+    rows = slice(each.shape.first, each.shape.last)
+    peaks = {name: float(np.max(_ratio(activity)[rows])) for name, activity in activities.items() if AXES[name] != "throttle"}
+    return each.channel in peaks and max(peaks.values()) > LEADS * peaks[each.channel]
 
 
 def _independent(activities: Mapping[str, Activity], one: Candidate, other: Candidate) -> bool:

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from matplotlib.figure import Figure
 
-from ident.maneuver_detection import AXES, Maneuver
+from ident.maneuver_detection import AXES, PAUSE, Maneuver
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit
 from scenarios.plots.style import (
     BLUE,
@@ -68,6 +68,7 @@ def figure_flight(found: Searched, title: str = "") -> Figure:
     for name, panel in zip(names, sheet.panels, strict=True):
         unit = display_unit(record[name].unit, name)
         time, low, high = envelope(record.time, unit.factor * record[name].with_gaps())
+        time, low, high = _parted(time, low, high)
         panel.fill_between(time, low, high, color=BLUE, linewidth=0.6, step=None)
         y_label(panel, axis_label(name, unit), TICK_SIZE)
         panel.set_xlim(float(record.time[0]), float(record.time[-1]))
@@ -103,6 +104,13 @@ def figure_flight(found: Searched, title: str = "") -> Figure:
         head=0.2,
         legend=False,
     )
+
+
+def _parted(time: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The band with a hole at each pause in the rows."""
+    steps = np.diff(time)
+    pauses = np.flatnonzero(steps > max(PAUSE, 5.0 * float(np.median(steps)))) + 1 if steps.size else np.array([], dtype=int)
+    return tuple(np.insert(values, pauses, np.nan) for values in (time, low, high))
 
 
 def envelope(time: np.ndarray, values: np.ndarray, bins: int = BINS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

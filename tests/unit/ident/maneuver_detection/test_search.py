@@ -202,3 +202,17 @@ def test_a_short_record_without_noise() -> None:
     assert [each.kind for each in found] == ["3-2-1-1", "doublet"]
     assert [each.start for each in found] == pytest.approx([1.0, 9.0], abs=0.1)
     assert [each.end for each in found] == pytest.approx([4.5, 11.0], abs=0.1)
+
+
+def test_a_control_that_moves_much_more_leads() -> None:
+    """A small aileron doublet during a rudder motion of no form that is far above its rest level is a reaction."""
+    times, rudder = quiet(120.0, 8)
+    rng = np.random.default_rng(9)
+    inside = (times > 57.0) & (times < 66.0)
+    motion = lfilter([0.1], [1.0, -0.9], rng.standard_normal(times.size))
+    _, aileron = quiet(120.0, 10)
+    aileron = aileron + doublet(0.008, 1.5, 60.0)(times)
+    alone = find_maneuvers(Signals(times, {"aileron": aileron, "rudder": rudder}, {}))
+    assert [each.kind for each in alone if each.kind != "trim"] == ["doublet"]
+    both = find_maneuvers(Signals(times, {"aileron": aileron, "rudder": rudder + 0.15 * inside * motion}, {}))
+    assert [each for each in both if each.axis == "roll"] == []
