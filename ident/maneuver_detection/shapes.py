@@ -21,6 +21,9 @@ RETURN = 0.6  # of the largest level, to which the input must return
 CANCEL = 0.35  # of the larger, by which the two level changes of a pulse or a step may differ where the pilot moves the trim meanwhile
 OPEN = 0.8  # of the largest level, by which the sum of a pattern's level changes may differ from zero
 COMPLETE = 0.15  # power of the number of levels in the merit of a pattern: of two that are alike the fuller one counts
+STEADY_BEFORE, STEADY_AFTER = 2.0, LONG_PULSE  # s, for which the levels about a lasting step are kept
+STEADY = 0.15  # of a lasting step, by which these levels may scatter
+LASTING = 10.0  # s of a lasting step that are its maneuver
 SETTLE = 0.6  # s before and after a pattern, over which the levels outside are averaged
 SHARES = {"3-2-1-1": np.array([3.0, 2.0, 1.0, 1.0]) / 7.0}
 SHARE_ERROR = 0.1  # of the whole duration, by which a level of a 3-2-1-1 may be off
@@ -102,7 +105,27 @@ def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[
     for _, shape in sorted(found.values(), key=lambda each: (-each[0], each[1].first)):
         if not any(shape.first < other.last and other.first < shape.last for other in out):
             out.append(shape)
-    return out
+    return [*out, *_lasting(control, at, out)]
+
+
+def _lasting(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iterator[Shape]:
+    """Single level changes to a level that is kept, away from other shapes: steps that are not taken back within ``LONGEST``.
+
+    Such a step ends ``LASTING`` after it began, or at the next level change.
+    """
+    values, half = control.values, control.half
+    before, after, away = (control.stretch.samples(s) for s in (STEADY_BEFORE, STEADY_AFTER, NEAR))
+    for k, following in zip(at.tolist(), [*at.tolist(), values.size][1:], strict=True):
+        parts = values[max(0, k - half - before) : max(1, k - half + 1)], values[k + half : k + half + after]
+        if min(part.size for part in parts) < 0.5 * before or following - k < after or any(o.first < k + away and k < o.last + away for o in others):
+            continue
+        jump = float(parts[1].mean() - parts[0].mean())
+        scatter = max(float(part.std()) for part in parts)
+        if scatter > STEADY * abs(jump):
+            continue
+        sharpness = float(np.max(np.abs(control.fast[max(0, k - half) : k + half + 1]))) / abs(jump)
+        edge = float(abs(control.moved[k]) / control.rest[k])
+        yield Shape("step", k, min(following, k + control.stretch.samples(LASTING)), abs(jump), 1.0 - scatter / abs(jump), edge, sharpness)
 
 
 @dataclass(frozen=True, eq=False)

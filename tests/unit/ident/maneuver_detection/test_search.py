@@ -216,3 +216,16 @@ def test_a_control_that_moves_much_more_leads() -> None:
     assert [each.kind for each in alone if each.kind != "trim"] == ["doublet"]
     both = find_maneuvers(Signals(times, {"aileron": aileron, "rudder": rudder + 0.15 * inside * motion}, {}))
     assert [each for each in both if each.axis == "roll"] == []
+
+
+@pytest.mark.parametrize("control", ["thrust", "elevator"])
+def test_a_step_that_is_not_taken_back(control: str) -> None:
+    """A sharp change to another level that lasts is a step; the same change within twenty seconds is a new trim."""
+    times, values = quiet(300.0, 11)
+    sharp = values + 0.02 * (times > 100.0)
+    (one,) = [each for each in find_maneuvers(Signals(times, {control: sharp}, {})) if each.kind != "trim"]
+    assert (one.kind, one.channel) == ("step", control)
+    assert [one.start, one.end] == pytest.approx([100.0, 110.0], abs=0.1)
+    assert one.amplitude == pytest.approx(0.02, rel=0.1)
+    slow = values + 0.02 * np.clip((times - 100.0) / 20.0, 0.0, 1.0)
+    assert [each.kind for each in find_maneuvers(Signals(times, {control: slow}, {})) if each.kind != "trim"] == []

@@ -40,7 +40,7 @@ def test_the_figure() -> None:
     ]
     numbered = [SimpleNamespace(number=k, found=each) for k, each in enumerate(found, start=1)]
     searched = SimpleNamespace(record=Record(times, (), outputs), maneuvers=numbered, simulated=False)
-    figure = figure_flight(searched, "flight.csv")  # type: ignore[arg-type]
+    figure = figure_flight(searched, "flight.csv")
     elevator, nz, phi = figure.axes
     assert [[text.get_text() for text in panel.texts] for panel in (elevator, nz, phi)] == [["1"], [], ["2"]]
     assert "elevator" in elevator.get_ylabel() and "deg" in phi.get_ylabel()
