@@ -87,11 +87,11 @@ class Maneuvers:
     def cautions(self) -> tuple[str, ...]:
         """What a user should know, one sentence each."""
         inputs = [name for name in CONTROLS if name in self.record.output_names]
-        told = [] if inputs else [f"no input is recorded ({', '.join(CONTROLS)}): turns alone are found"]
+        cautions = [] if inputs else [f"no input is recorded ({', '.join(CONTROLS)}): turns alone are found"]
         moves = [each for each in self.maneuvers if each.found.kind != "trim"]
         if inputs and not moves:
-            told.append("no maneuver found: no input has the form of one, and none rises above what it does at rest")
-        return tuple(told)
+            cautions.append("no maneuver found: no input has the form of one, and none rises above what it does at rest")
+        return tuple(cautions)
 
     def __repr__(self) -> str:
         return f"<Maneuvers of {self.identity.name}: {len(self.maneuvers)}>"
