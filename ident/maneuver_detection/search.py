@@ -138,14 +138,11 @@ def _maneuver(stretch: Stretch, each: Candidate) -> Maneuver:
     return Maneuver(start, end, each.axis, each.shape.kind, each.channel, each.shape.amplitude)
 
 
-def _ratio(activity: Activity) -> np.ndarray:
-    """Energy over rest level; zero where both are."""
-    return np.divide(
-        activity.energy,
-        activity.rest,
-        out=np.zeros_like(activity.energy),
-        where=activity.rest > 0.0,
-    )
+def _ratio(activity: Activity, rows: slice | None = None) -> np.ndarray:
+    """Energy over rest level, zero where both are; of some rows, else of all."""
+    some = slice(None) if rows is None else rows
+    energy, rest = activity.energy[some], activity.rest[some]
+    return np.divide(energy, rest, out=np.zeros_like(energy), where=rest > 0.0)
 
 
 def _quiet(stretch: Stretch, activities: Mapping[str, Activity], moves: Sequence[Maneuver]) -> np.ndarray:
@@ -277,7 +274,7 @@ def without_reactions(activities: Mapping[str, Activity], candidates: Sequence[C
 def _follows(activities: Mapping[str, Activity], each: Candidate) -> bool:
     """Whether another control moves more than ``LEADS`` times as far above its rest level meanwhile, be it without a form."""
     rows = slice(each.shape.first, each.shape.last)
-    peaks = {name: float(np.max(_ratio(activity)[rows])) for name, activity in activities.items() if AXES[name] != "throttle"}
+    peaks = {name: float(np.max(_ratio(activity, rows))) for name, activity in activities.items() if AXES[name] != "throttle"}
     return each.channel in peaks and max(peaks.values()) > LEADS * peaks[each.channel]
 
 
