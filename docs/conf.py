@@ -66,6 +66,7 @@ contents = {
         "how-to/your-recorder",
         "how-to/own-record",
         "how-to/estimate",
+        "how-to/maneuvers",
         "how-to/own-flight-data",
         "how-to/lateral-and-longitudinal",
         "own-models",

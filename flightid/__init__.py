@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from scenarios.api.identification import Identification, identify
     from scenarios.api.libraries import effects, models, scenarios, vehicles
     from scenarios.api.loop.campaign import CampaignOfTheLoop
+    from scenarios.api.maneuvers import Maneuvers, find_maneuvers
     from scenarios.api.planning.design import Design, design
     from scenarios.api.prediction import Prediction, predict
     from scenarios.api.records.record import Record, read_record
@@ -46,6 +47,7 @@ _EXPORTS = {
     "InputError": "errors",
     **dict.fromkeys(("Identification", "identify"), "identification"),
     **dict.fromkeys(("effects", "models", "scenarios", "vehicles"), "libraries"),
+    **dict.fromkeys(("Maneuvers", "find_maneuvers"), "maneuvers"),
     **dict.fromkeys(("Parameter", "Parameters"), "shown.parameters"),
     **dict.fromkeys(("Prediction", "predict"), "prediction"),
     **dict.fromkeys(("Record", "read_record"), "records.record"),
@@ -63,6 +65,7 @@ __all__ = [
     "Diagnosis",
     "Identification",
     "InputError",
+    "Maneuvers",
     "Parameter",
     "Parameters",
     "Prediction",
@@ -77,6 +80,7 @@ __all__ = [
     "design",
     "diagnose",
     "effects",
+    "find_maneuvers",
     "identify",
     "models",
     "own_model",

@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
-from scenarios.api.plot import correlation, derivatives, evidence, fit, held_out, prediction, reconstruction, record, replication, residuals, spectra
+from scenarios.api.plot import (
+    correlation,
+    derivatives,
+    evidence,
+    fit,
+    held_out,
+    maneuvers,
+    prediction,
+    reconstruction,
+    record,
+    replication,
+    residuals,
+    spectra,
+)
 
 __all__ = [
     "correlation",
@@ -10,6 +23,7 @@ __all__ = [
     "evidence",
     "fit",
     "held_out",
+    "maneuvers",
     "prediction",
     "reconstruction",
     "record",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, SupportsFloat
@@ -23,6 +24,8 @@ from sim.errors import DeclarationError, RecordError
 Source = str | PathLike[str] | Record | Any  # a record, or whatever `read_record` takes
 Declared = str | PathLike[str] | Model  # a model's name, the path of a Python file that holds one of your own, or that model itself
 Times = float | Sequence[float] | None
+Named = int | str | Sequence[int | str] | None  # maneuvers by number or name
+Found = str | PathLike[str] | Any  # what `find_maneuvers` returned, or the path of a file of maneuvers
 
 
 def request_of(
@@ -63,6 +66,18 @@ def request_of(
 def plan_from(start: Times, stop: Times, hold: str | None, rate: float | None, lowpass: float | None, trust_record: bool) -> Plan:
     """The plan; ``start`` and ``stop`` are one time or one of each maneuver, s."""
     return plan_of(_times(start), _times(stop), hold, rate, lowpass, trusted=trust_record)
+
+
+def with_parts(request: Request, asked: Named, found: Found) -> Request:
+    """The request with the parts of the maneuvers that are asked for as its segments. Raises DeclarationError."""
+    from scenarios.preparation.maneuver_file import Parts, with_maneuvers
+
+    several: list[int | str] = [] if asked is None else [asked] if isinstance(asked, int | str) else list(asked)
+    file = Path(found) if isinstance(found, str | PathLike) else getattr(found, "parts", found)
+    if not (file is None or isinstance(file, Path | Parts)):
+        what = f"a {type(found).__name__} holds no maneuvers"
+        raise DeclarationError(what, where="maneuvers", remedy="give what find_maneuvers returned, or a file's path")
+    return replace(request, plan=with_maneuvers(request.plan, request.records, several, file))
 
 
 def model_of(given: Declared) -> str | OwnModel:

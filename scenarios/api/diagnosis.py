@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.api import plot
-from scenarios.api.asking import Declared, Source, Times, plan_from, request_of
+from scenarios.api.asking import Declared, Found, Named, Source, Times, plan_from, request_of, with_parts
 from scenarios.api.records.opening import Choices
 from scenarios.api.records.record import Record, record_of
 from scenarios.api.running import KEPT, Progress, untold
@@ -201,6 +201,8 @@ def diagnose(
     channels: Choices | None = None,
     start: Times = None,
     stop: Times = None,
+    maneuver: Named = None,
+    maneuvers: Found = None,
     hold: str | None = None,
     rate: float | None = None,
     lowpass: float | None = None,
@@ -213,7 +215,8 @@ def diagnose(
 
     Parameters
     ----------
-    records, model, vehicle, channels, start, stop, hold, rate, lowpass, trust_record, aircraft_class, category : as in ``identify``.
+    records, model, vehicle, channels, start, stop, maneuver, maneuvers, hold, rate, lowpass, trust_record, aircraft_class,
+        category : as in ``identify``.
     validate : records that are predicted; else the last of several is held out, or the last part of one.
     effects : effects of your own, or the path of a Python file with them. effort : ``"normal"`` or ``"thorough"``.
     progress : told the stage and the share done, 0 to 1.
@@ -235,7 +238,7 @@ def diagnose(
         aircraft_class=aircraft_class,
         category=category,
     )
-    return Diagnosis(diagnose_files(request, progress or untold))
+    return Diagnosis(diagnose_files(with_parts(request, maneuver, maneuvers), progress or untold))
 
 
 def _parameters(quantities: Mapping[str, Quantity]) -> Parameters:

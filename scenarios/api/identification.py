@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scenarios.api import plot
-from scenarios.api.asking import Declared, Source, Times, plan_from, request_of
+from scenarios.api.asking import Declared, Found, Named, Source, Times, plan_from, request_of, with_parts
 from scenarios.api.records.opening import Choices
 from scenarios.api.records.record import Record, record_of
 from scenarios.api.running import KEPT
@@ -206,6 +206,8 @@ def identify(
     channels: Choices | None = None,
     start: Times = None,
     stop: Times = None,
+    maneuver: Named = None,
+    maneuvers: Found = None,
     hold: str | None = None,
     rate: float | None = None,
     lowpass: float | None = None,
@@ -226,6 +228,8 @@ def identify(
     band : Hz, for frequency-domain. engine : of the extended Kalman filter, filterpy or batched.
     channels : a channel map as in ``read_record``, for all records.
     start, stop : the part that is used, s; a list of each for several maneuvers. hold, rate, lowpass, trust_record : as the command's options.
+    maneuver : maneuvers that are used instead, by number or name, one or a list. maneuvers : what ``find_maneuvers`` returned, or
+        the path of its ``maneuvers.toml``; None takes the one beside the record.
     aircraft_class, category : by which levels of flying qualities are told.
 
     Raises
@@ -234,6 +238,7 @@ def identify(
     """
     plan = plan_from(start, stop, hold, rate, lowpass, trust_record)
     request = request_of(records, model, vehicle, validate, channels=channels, plan=plan, aircraft_class=aircraft_class, category=category)
+    request = with_parts(request, maneuver, maneuvers)
     return Identification(identify_files(request, method, Options(_profiled(profile), band, engine)))
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from scenarios.compatibility.check import Check
     from scenarios.diagnosis.tracing import Tracing
     from scenarios.identification.from_files import Identified
+    from scenarios.maneuvers.finding import Maneuvers as FoundManeuvers
     from sim import record as sim_record
 
 
@@ -46,6 +47,20 @@ class Checked(Protocol):
 
     @property
     def details(self) -> Check: ...
+
+
+class Found(Protocol):
+    """The maneuvers of a record."""
+
+    @property
+    def details(self) -> FoundManeuvers: ...
+
+
+def maneuvers(found: Found) -> Figure:
+    """The whole flight with its maneuvers marked by their numbers, angles in degrees."""
+    from scenarios.plots.maneuvers import figure_flight
+
+    return shown(figure_flight(found.details, found.details.identity.name))
 
 
 def record(given: Recorded) -> Figure:

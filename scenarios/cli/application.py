@@ -15,6 +15,7 @@ from scenarios.cli.declared.diagnose import diagnose
 from scenarios.cli.declared.identify import identify
 from scenarios.cli.declared.lab import lab
 from scenarios.cli.declared.libraries import effects, list_, models, vehicles
+from scenarios.cli.declared.maneuvers import maneuvers
 from scenarios.cli.declared.map import map_
 from scenarios.cli.declared.predict import predict
 from scenarios.cli.declared.report import report
@@ -27,7 +28,7 @@ from scenarios.cli.helping import GroupedCommands, WithExamples
 # The commands by group: a further one is a file in `declared` and its name here.
 COMMANDS: Mapping[str, tuple[Callable[..., Any], ...]] = {
     "Studies": (run, compare, simulate, campaign, design, report),
-    "Measured data": (map_, identify, diagnose, predict, check, survey, watch),
+    "Measured data": (map_, maneuvers, identify, diagnose, predict, check, survey, watch),
     "Libraries": (list_, models, vehicles, effects),
     "Teaching": (lab,),
 }

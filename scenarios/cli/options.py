@@ -16,6 +16,14 @@ From = Annotated[
     list[float] | None, typer.Option("--from", metavar="T", help="Use the record from this time on, s; with --to again for each maneuver.")
 ]
 To = Annotated[list[float] | None, typer.Option("--to", metavar="T", help="Use the record up to this time, s.")]
+Maneuvers = Annotated[
+    list[str] | None,
+    typer.Option("--maneuver", metavar="N", help="Use a maneuver of maneuvers.toml, by number or name; again for each."),
+]
+ManeuverFile = Annotated[
+    Path | None,
+    typer.Option("--maneuvers", metavar="FILE", help="That file; else maneuvers.toml beside the record."),
+]
 Held = Annotated[
     str | None,
     typer.Option(

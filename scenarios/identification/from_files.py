@@ -16,6 +16,7 @@ from scenarios.identification.identify import identify
 from scenarios.identification.input_reading import opposite, other_reading
 from scenarios.identification.methods import FILTERS, METHODS, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
+from scenarios.preparation.cruise import cruise_caution
 from scenarios.preparation.plausibility import refuse_still, refuse_strangers, refuse_unpredictable
 from scenarios.preparation.reading import prepare
 from scenarios.preparation.request import Request, column_choices, flown_of
@@ -100,7 +101,9 @@ def _identified(
         first, others = max((first, *others), key=len), []
         notes = (*notes, f"a filter runs along one part of a record: the longest, {first.name}, is used")
     found = identify(first, vehicle, method, others, ready.model, ready.validation, asked)
-    return ready, replace(found, notes=(*notes, *found.notes), doubts=ready.doubts, look=ready.look)
+    cruise = cruise_caution(ready.measured, files[0][0].identity.name)
+    doubts = (*ready.doubts, *([cruise] if cruise else []))
+    return ready, replace(found, notes=(*notes, *found.notes), doubts=doubts, look=ready.look)
 
 
 def _read_otherwise(found: Identification, again: Callable[[Hold], Identification]) -> Identification:

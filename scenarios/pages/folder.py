@@ -17,7 +17,17 @@ from scenarios.terminal.summary import PAGE
 from sim.errors import FlightidError
 
 CONTENT = "report.json"
-_DOCUMENTS = ("comparison.json", "diagnosis.json", "compatibility.json", "campaign.json", "compared.json", "design.json", "survey.json")
+_FURTHER = ("maneuvers.json",)
+_DOCUMENTS = (
+    "comparison.json",
+    "diagnosis.json",
+    "compatibility.json",
+    "campaign.json",
+    "compared.json",
+    "design.json",
+    "survey.json",
+    "maneuvers.json",
+)
 
 
 def write_page(folder: Path, page: Page) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -43,6 +43,7 @@ class Plan:
     lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.
     columns : names of a file's columns, in their order, where it has no header or another one is wanted; none keeps its own.
     trusted : what the raw columns show is only warned of; nothing is refused or set aside for it.
+    chosen : sentences on where the segments come from, where a file of maneuvers gave them.
     """
 
     segments: tuple[Segment, ...] = WHOLE
@@ -51,6 +52,7 @@ class Plan:
     lowpass: float | None = None
     trusted: bool = False
     columns: tuple[str, ...] = ()
+    chosen: tuple[str, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         for option, value in (("--rate", self.rate), ("--lowpass", self.lowpass)):

@@ -104,7 +104,7 @@ def prepare(
     records, look = looked_at([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
     ready = for_model(read[:split], model, plan, read[split:], decided)
-    notes = (*grouped(told, names), *ready.notes)
+    notes = (*plan.chosen, *grouped(told, names), *ready.notes)
     return replace(ready, notes=notes, doubts=(*look.doubts, *ready.doubts), look=look)
 
 

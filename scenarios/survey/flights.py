@@ -152,6 +152,9 @@ def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, mode
         plan = plan_of([start] if start is not None else None, [stop] if stop is not None else None, hold, rate, lowpass)
     except FlightidError as error:
         raise DeclarationError(error.what, where=place, remedy=error.remedy) from None
+    records = tuple(root / each for each in (entry.records or [str(entry.record)]))
+    asked, file = _either(entry.maneuver, shared.maneuver), _either(entry.maneuvers, shared.maneuvers)
+    plan = _with_maneuvers(plan, records, asked, root / file if file is not None else None, place)
     if entry.vehicle and not vehicle:
         raise DeclarationError("changes a vehicle file that is not named", where=place, remedy='add vehicle = "FILE.toml" at the top')
     content = changed(vehicle, entry.vehicle)
@@ -159,7 +162,7 @@ def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, mode
     channels = _either(entry.channels, shared.channels)
     flight = Flight(
         name,
-        tuple(root / each for each in (entry.records or [str(entry.record)])),
+        records,
         model,
         toml_text(content) if content else "",
         shared.vehicle or "",
@@ -172,6 +175,18 @@ def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, mode
         entry.tail or "",
     )
     return replace(flight, digest=_digest(flight))
+
+
+def _with_maneuvers(plan: Plan, records: tuple[Path, ...], asked: Any, file: Path | None, place: str) -> Plan:
+    """The plan with the maneuvers that a flight names. Raises DeclarationError; a record that is not there fails with its flight."""
+    from scenarios.preparation.maneuver_file import with_maneuvers
+
+    if not all(each.is_file() for each in records):
+        return plan
+    try:
+        return with_maneuvers(plan, records, asked if isinstance(asked, list | None) else [asked], file)
+    except DeclarationError as error:
+        raise DeclarationError(f"{error.what} ({error.where})", where=place, remedy=error.remedy) from None
 
 
 def _refuse_unreadable(flights: Sequence[Flight], vehicle: str, shared: str, where: str) -> None:

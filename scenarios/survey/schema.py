@@ -25,6 +25,8 @@ class Reading(BaseModel):
     channels: Name | None = None
     from_: Number | None = Field(None, alias="from")
     to: Number | None = None
+    maneuver: int | Name | Annotated[list[int | Name], Field(min_length=1)] | None = None
+    maneuvers: Name | None = None
     hold: Literal["previous", "linear"] | None = None
     rate: Annotated[float, Field(gt=0)] | None = None
     lowpass: Annotated[float, Field(gt=0)] | None = None

@@ -18,6 +18,8 @@ from scenarios.cli.options import (
     From,
     Held,
     Lowpass,
+    ManeuverFile,
+    Maneuvers,
     Model,
     NoFigures,
     Out,
@@ -29,6 +31,7 @@ from scenarios.cli.options import (
     VehicleBeside,
 )
 from scenarios.plots.formats import formats_of
+from scenarios.preparation.maneuver_file import with_maneuvers
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
 
@@ -46,6 +49,8 @@ def diagnose(
     columns: Columns = None,
     start: From = None,
     stop: To = None,
+    maneuver: Maneuvers = None,
+    maneuvers: ManeuverFile = None,
     hold: Held = None,
     rate: Rate = None,
     lowpass: Lowpass = None,
@@ -66,6 +71,7 @@ def diagnose(
     from scenarios.commands.diagnose import diagnose_records
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
+    plan = with_maneuvers(plan, records, maneuver, maneuvers)
     request = Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort, aircraft_class, category)
     with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["diagnosis.json"]) as told:
         diagnose_records(request, told.out, told.figures, progress=told.progress)

@@ -18,6 +18,8 @@ from scenarios.cli.options import (
     From,
     Held,
     Lowpass,
+    ManeuverFile,
+    Maneuvers,
     Model,
     NoFigures,
     Out,
@@ -29,6 +31,7 @@ from scenarios.cli.options import (
     VehicleBeside,
 )
 from scenarios.plots.formats import formats_of
+from scenarios.preparation.maneuver_file import with_maneuvers
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
 
@@ -41,6 +44,8 @@ def identify(
     columns: Columns = None,
     start: From = None,
     stop: To = None,
+    maneuver: Maneuvers = None,
+    maneuvers: ManeuverFile = None,
     hold: Held = None,
     rate: Rate = None,
     lowpass: Lowpass = None,
@@ -75,6 +80,7 @@ def identify(
     from scenarios.commands.identify import identify_records, options_of
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
+    plan = with_maneuvers(plan, records, maneuver, maneuvers)
     request = Request(
         tuple(records), model, vehicle, tuple(validate or ()), channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category
     )

@@ -42,6 +42,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "effects": "Which flight has which effect: filled, has it; grey, not told; open, has it not",
         "shared": "What each flight says of a shared value by itself, and the common value",
         "over": "Derivatives of all flights over the condition, with the common line and the scatter between flights",
+        "flight": "The whole flight: inputs and motion, maneuvers with their numbers, trim points grey",
         "watched": "Parameters while the stream arrived",
     }
 )

@@ -1,0 +1,285 @@
+"""The search: candidates of each control, which of them count, turns and pull-ups of the motion, trim points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.maneuver_detection.excitation import excitation_of
+from ident.maneuver_detection.motion import mean_conditions, pulls, trim_points, turns
+from ident.maneuver_detection.shapes import (
+    SWITCH,
+    Shape,
+    lobes_of,
+    oscillation_of,
+    same_lines,
+    step_shapes,
+)
+from ident.maneuver_detection.signals import (
+    AXES,
+    Activity,
+    Maneuver,
+    Signals,
+    Stretch,
+    activity_of,
+    stretches,
+    trim_of,
+)
+
+SEED, EDGE = (
+    4.0,
+    2.0,
+)  # of the rest level: energy that begins an active part, and energy down to which it extends
+QUIET = 1.5  # s below EDGE that part two active parts
+MARGIN = 2.0  # s of rest with which an active part is looked at
+SEVERAL, WEAK = 2, 3.0  # patterns of levels in an oscillation that show it, be it as weak as that
+DOMINANT = 0.5  # of an oscillation's energy, from which on one pattern of levels explains it
+AT_REST = 1.5  # s about a pattern of levels in which there is no smaller one: neither began at rest
+RECOVERY = 8.0  # s after another maneuver in which the pilot recovers and pulls up nothing
+SHARP = 0.45  # sharpness, from which on an input that changes the load factor is no pull-up
+ROLLING = 8.0  # s about the beginning and the end of a turn in which roll and yaw inputs belong to it
+DAMPED = {"yaw": "r"}  # rate that a damper feeds back, where taking it off was measured to help
+COHERENT = 0.3  # share of a control's motion at rest that its damper must explain
+LEADS = 2.0  # ratio of the rises of two controls above their rest levels, from which on the smaller follows the larger
+ALL = "all"  # axis of a trim point
+# Least strength, flatness, edge and sharpness of each kind, chosen on the flights 0 to 19 of tests/long_flights.
+ACCEPT: Mapping[str, tuple[float, float, float, float]] = {
+    "step": (3.5, 0.6, 5.5, 0.6),
+    "pulse": (8.0, 0.75, 7.0, 0.5),
+    "doublet": (6.0, 0.7, 5.5, 0.2),
+    "3-2-1-1": (5.5, 0.7, 5.5, 0.2),
+    "multistep": (7.5, 0.7, 6.0, 0.4),
+    "sweep": (4.8, 0.65, 0.0, 0.0),
+    "multisine": (5.0, 0.0, 0.0, 0.0),
+    "pull-up": (9.0, 0.0, 0.0, 0.0),
+}
+OSCILLATIONS = ("sweep", "multisine")
+ALTERNATING = ("doublet", "3-2-1-1", "multistep", *OSCILLATIONS)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A shape that a control takes; ``strength``: its size over the control's rest level."""
+
+    channel: str
+    shape: Shape
+    strength: float
+
+    @property
+    def axis(self) -> str:
+        return AXES[self.channel]
+
+
+def find_maneuvers(signals: Signals) -> tuple[Maneuver, ...]:
+    """All maneuvers and trim points of a record, in the order of their times.
+
+    Each control is searched for level changes that make a pattern and for oscillations that rise above its local rest level; the
+    motion for bank angles and load factors that are held. Of controls that move at the same time the strongest counts, others follow it.
+    """
+    found = [each for stretch in stretches(signals) for each in _found_in(stretch)]
+    return tuple(sorted(found, key=lambda each: (each.start, each.axis)))
+
+
+def active_share(signals: Signals) -> float:
+    """Share of a record's time in which some control moves beyond its rest level; zero where it has none."""
+    moving, total = 0, 0
+    for stretch in stretches(signals):
+        active = np.zeros(stretch.time.size, dtype=bool)
+        for values in stretch.inputs.values():
+            activity = activity_of(stretch, values)
+            for first, last in active_parts(_ratio(activity), stretch.samples(QUIET)):
+                active[first:last] = True
+        moving, total = moving + int(np.count_nonzero(active)), total + active.size
+    return moving / total if total else 0.0
+
+
+def without_feedback(stretch: Stretch, name: str) -> np.ndarray:
+    """A control without what a damper adds to it: its share of the angular rate, as the samples at rest show it.
+
+    The control comes back as it is where the rate explains less than ``COHERENT`` of its motion at rest.
+    """
+    values, rate = stretch.inputs[name], DAMPED.get(AXES[name], "")
+    if rate not in stretch.outputs:
+        return values
+    activity = activity_of(stretch, values)
+    turning = stretch.outputs[rate] - trim_of(stretch, stretch.outputs[rate])
+    rest = _ratio(activity) <= EDGE
+    moved, turned = activity.deviation[rest], turning[rest]
+    own, power, common = float(moved @ moved), float(turned @ turned), float(moved @ turned)
+    if power <= 0.0 or common**2 < COHERENT * power * own:
+        return values
+    return values - common / power * turning
+
+
+def _found_in(stretch: Stretch) -> list[Maneuver]:
+    stretch = replace(stretch, inputs={name: without_feedback(stretch, name) for name in stretch.inputs})
+    activities = {name: activity_of(stretch, values) for name, values in stretch.inputs.items()}
+    candidates = [each for name, activity in activities.items() for each in candidates_of(stretch, name, activity)]
+    turning = turns(stretch)
+    candidates = with_pulls(stretch, activities, candidates)
+    candidates = [each for each in candidates if not _rolls_into(stretch, each, turning)]
+    candidates = without_reactions(activities, candidates)
+    moves = [*(_maneuver(stretch, each) for each in candidates), *turning]
+    calm = trim_points(stretch, _quiet(stretch, activities, moves))
+    return [
+        replace(
+            each,
+            conditions=mean_conditions(stretch, each.start, each.end),
+            excitation={} if each.axis == ALL else excitation_of(stretch, each.start, each.end, each.axis),
+        )
+        for each in (*moves, *calm)
+    ]
+
+
+def _maneuver(stretch: Stretch, each: Candidate) -> Maneuver:
+    start, end = (float(stretch.time[min(k, stretch.time.size - 1)]) for k in (each.shape.first, each.shape.last))
+    return Maneuver(start, end, each.axis, each.shape.kind, each.channel, each.shape.amplitude)
+
+
+def _ratio(activity: Activity, rows: slice | None = None) -> np.ndarray:
+    """Energy over rest level, zero where both are; of some rows, else of all."""
+    some = slice(None) if rows is None else rows
+    energy, rest = activity.energy[some], activity.rest[some]
+    return np.divide(energy, rest, out=np.zeros_like(energy), where=rest > 0.0)
+
+
+def _quiet(stretch: Stretch, activities: Mapping[str, Activity], moves: Sequence[Maneuver]) -> np.ndarray:
+    """Samples at which no control moves beyond its rest level and no maneuver is flown."""
+    quiet = np.ones(stretch.time.size, dtype=bool)
+    for activity in activities.values():
+        quiet &= _ratio(activity) <= SEED
+    for each in moves:
+        quiet[stretch.rows(each.start, each.end)] = False
+    return quiet
+
+
+def accepted(each: Candidate) -> bool:
+    """Whether a candidate is stronger, flatter and sharper than what a pilot does between maneuvers."""
+    strength, flatness, edge, sharpness = ACCEPT[each.shape.kind]
+    shape = each.shape
+    return each.strength >= strength and shape.flatness >= flatness and shape.edge >= edge and shape.sharpness >= sharpness
+
+
+def candidates_of(stretch: Stretch, name: str, activity: Activity) -> list[Candidate]:
+    """Patterns of levels and oscillations of a control that are strong enough, none overlapping another."""
+    if not np.any(activity.rest > 0.0):
+        return []
+    values = stretch.inputs[name]
+    found = [_candidate(name, shape, activity) for shape in step_shapes(stretch, values, values - activity.deviation)]
+    found = _from_rest([each for each in found if accepted(each)], stretch.samples(AT_REST))
+    ratio, margin = _ratio(activity), stretch.samples(MARGIN)
+    for first, last in active_parts(ratio, stretch.samples(QUIET)):
+        low, high = max(0, first - margin), min(ratio.size, last + margin)
+        wave = oscillation_of(activity.deviation[low:high])
+        if wave is None:
+            continue
+        wave = replace(wave, first=wave.first + low, last=wave.last + low)
+        inside = [each for each in found if each.shape.first < last and first < each.shape.last]
+        explained = max((_energy(activity, each.shape) for each in inside), default=0.0)
+        whole = Candidate(name, wave, float(np.median(ratio[wave.first : wave.last])))
+        many = len(inside) >= SEVERAL and whole.strength >= WEAK
+        if explained < DOMINANT * _energy(activity, wave) and (accepted(whole) or many):
+            found = [*(each for each in found if each not in inside), whole]
+    return found
+
+
+def _candidate(name: str, shape: Shape, activity: Activity) -> Candidate:
+    return Candidate(name, shape, shape.amplitude / float(np.mean(activity.rest[shape.first : shape.last])))
+
+
+def _energy(activity: Activity, shape: Shape) -> float:
+    return float(np.sum(activity.deviation[shape.first : shape.last] ** 2))
+
+
+def _from_rest(candidates: Sequence[Candidate], rest: int) -> list[Candidate]:
+    """The candidates, largest first, without those within ``rest`` samples of a larger one of their control."""
+    kept: list[Candidate] = []
+    for each in sorted(
+        candidates,
+        key=lambda each: -each.strength * float(np.sqrt(each.shape.last - each.shape.first)),
+    ):
+        if not any(each.shape.first < other.shape.last + rest and other.shape.first < each.shape.last + rest for other in kept):
+            kept.append(each)
+    return kept
+
+
+def active_parts(ratio: np.ndarray, quiet: int) -> list[tuple[int, int]]:
+    """Runs above ``EDGE`` that reach ``SEED``; those with fewer than ``quiet`` samples between them are one."""
+    edges = np.flatnonzero(np.diff((ratio > EDGE).astype(np.int8), prepend=0, append=0))
+    out: list[tuple[int, int]] = []
+    for first, last in edges.reshape(-1, 2):
+        if out and first - out[-1][1] < quiet:
+            out[-1] = (out[-1][0], int(last))
+        else:
+            out.append((int(first), int(last)))
+    return [(first, last) for first, last in out if ratio[first:last].max() >= SEED]
+
+
+def _rolls_into(stretch: Stretch, each: Candidate, turning: Sequence[Maneuver]) -> bool:
+    """Whether an input of roll or yaw belongs to the beginning or the end of a turn."""
+    if each.axis not in ("roll", "yaw") or each.shape.kind in (*OSCILLATIONS, "3-2-1-1"):
+        return False
+    start, end = (
+        stretch.time[each.shape.first],
+        stretch.time[min(each.shape.last, stretch.time.size - 1)],
+    )
+    return any(abs(edge - 0.5 * (start + end)) < ROLLING or start < edge < end for turn in turning for edge in (turn.start, turn.end))
+
+
+def with_pulls(stretch: Stretch, activities: Mapping[str, Activity], candidates: list[Candidate]) -> list[Candidate]:
+    """The candidates with pull-ups in the place of smooth inputs of the pitch control that change the load factor and hold it."""
+    control = next((name for name in activities if AXES[name] == "pitch"), None)
+    if control is None or not np.any(activities[control].rest > 0.0):
+        return candidates
+    activity, recovery = activities[control], stretch.samples(RECOVERY)
+    for first, last in pulls(stretch):
+        lobe = _pulling(stretch, activity, first, last)
+        near = [c for c in candidates if c.axis == "pitch" and accepted(c) and c.shape.first < last and c.shape.last > first - recovery]
+        if lobe is None or any(c.shape.sharpness > SHARP or c.shape.kind in ALTERNATING for c in near):
+            continue
+        amplitude = float(np.max(np.abs(activity.deviation[slice(*lobe)])))
+        strength = amplitude / float(np.mean(activity.rest[slice(*lobe)]))
+        candidates = [c for c in candidates if c.axis != "pitch" or c.shape.last <= lobe[0] or c.shape.first >= last + recovery]
+        pull = Candidate(control, Shape("pull-up", *lobe, amplitude), strength)
+        candidates += [pull] if accepted(pull) else []
+    return candidates
+
+
+def _pulling(stretch: Stretch, activity: Activity, first: int, last: int) -> tuple[int, int] | None:
+    """The lobe of a control that leads to an excursion of the load factor: the first strong one that begins at most 2 s before it."""
+    before, after = (
+        max(0, first - stretch.samples(2.0)),
+        min(activity.deviation.size, last + stretch.samples(10.0)),
+    )
+    part = activity.deviation[before:after]
+    amplitude = float(np.max(np.abs(part[: last - before])))
+    lobes = [each for each in lobes_of(part, SWITCH * amplitude) if each.size * stretch.step > 0.8 and before + each.first < last]
+    return (before + lobes[0].first, before + lobes[0].last) if lobes else None
+
+
+def without_reactions(activities: Mapping[str, Activity], candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates without those that overlap a stronger one of another control; multisines of lines of their own stay."""
+    kept: list[Candidate] = []
+    for each in sorted(candidates, key=lambda each: -each.strength * each.shape.flatness):
+        others = [
+            other for other in kept if other.channel != each.channel and other.shape.first < each.shape.last and each.shape.first < other.shape.last
+        ]
+        if all(_independent(activities, each, other) for other in others) and not _follows(activities, each):
+            kept.append(each)
+    return kept
+
+
+def _follows(activities: Mapping[str, Activity], each: Candidate) -> bool:
+    """Whether another control moves more than ``LEADS`` times as far above its rest level meanwhile, be it without a form."""
+    rows = slice(each.shape.first, each.shape.last)
+    peaks = {name: float(np.max(_ratio(activity, rows))) for name, activity in activities.items() if AXES[name] != "throttle"}
+    return each.channel in peaks and max(peaks.values()) > LEADS * peaks[each.channel]
+
+
+def _independent(activities: Mapping[str, Activity], one: Candidate, other: Candidate) -> bool:
+    if not (one.shape.kind in OSCILLATIONS and other.shape.kind in OSCILLATIONS):
+        return False
+    rows = slice(max(one.shape.first, other.shape.first), min(one.shape.last, other.shape.last))
+    return not same_lines(activities[one.channel].deviation[rows], activities[other.channel].deviation[rows])

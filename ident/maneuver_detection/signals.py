@@ -1,0 +1,200 @@
+"""Nouns of the search for maneuvers, and signals on an even grid with their local trim and rest level."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.ndimage import median_filter, percentile_filter, uniform_filter1d
+
+# Controls by the axis that they move; of several controls of an axis each is searched.
+AXES: Mapping[str, str] = {
+    "elevator": "pitch",
+    "stick": "pitch",
+    "aileron": "roll",
+    "rudder": "yaw",
+    "thrust": "throttle",
+}
+FASTEST = 50.0  # Hz; a faster record is averaged down to at most this rate
+PAUSE = 1.0  # s without a row, behind which another stretch begins
+TRIM_WINDOW = 60.0  # s; an input held shorter than half of it is no trim
+TRIM_RATE = 2.0  # Hz, of the running median
+REST_WINDOW = 300.0  # s, in which the rest level is a low quantile
+REST_SHARE = 25.0  # per cent: three quarters of the window may be filled by maneuvers
+ENERGY_WINDOW = 1.0  # s, of the short-time energy
+LEAST_REST = 0.02  # of the largest deviation, below which a rest level is not believed
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Recorded signals on one time base.
+
+    Attributes
+    ----------
+    time : shape ``(N,)``, s, increasing.
+    inputs : control -> ``(N,)``, SI; the keys of ``AXES`` are searched.
+    outputs : motion -> ``(N,)``, SI, nz in g; NaN where a sample is missing. Used: alpha, q, nz, theta, airspeed, height or altitude,
+        beta, p, r, phi, psi.
+    """
+
+    time: np.ndarray
+    inputs: Mapping[str, np.ndarray]
+    outputs: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Maneuver:
+    """One maneuver, or a trim point.
+
+    Attributes
+    ----------
+    start, end : s, of the input; of a turn, of the bank; of a trim point, of the quiet time.
+    axis : ``"pitch"``, ``"roll"``, ``"yaw"`` or ``"throttle"``; of a trim point ``"all"``.
+    kind : one of ``KINDS``.
+    channel : the input that moves, ``"phi"`` of a turn, empty of a trim point.
+    amplitude : largest deviation from trim, in the channel's unit. Zero of a trim point.
+    conditions : mean airspeed (m/s) and height (m), of what is recorded.
+    excitation : derivative -> absolute t value of its equation-error estimate from this maneuver alone.
+    """
+
+    start: float
+    end: float
+    axis: str
+    kind: str
+    channel: str
+    amplitude: float
+    conditions: Mapping[str, float] = field(default_factory=dict)
+    excitation: Mapping[str, float] = field(default_factory=dict)
+
+
+KINDS = (
+    "trim",
+    "step",
+    "pulse",
+    "doublet",
+    "3-2-1-1",
+    "multistep",
+    "sweep",
+    "multisine",
+    "pull-up",
+    "turn",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """A part of a record without a pause, on an even grid.
+
+    ``time``, ``inputs``, ``outputs`` as in ``Signals``, without NaN: an output that is missing for good is left out. ``step``: s.
+    """
+
+    time: np.ndarray
+    step: float
+    inputs: Mapping[str, np.ndarray]
+    outputs: Mapping[str, np.ndarray]
+
+    def samples(self, seconds: float) -> int:
+        """How many samples a time takes, at least one."""
+        return max(1, round(seconds / self.step))
+
+    def rows(self, start: float, stop: float) -> slice:
+        """The rows from ``start`` to ``stop``, s."""
+        return slice(
+            int(np.searchsorted(self.time, start)),
+            int(np.searchsorted(self.time, stop, side="right")),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Activity:
+    """How a control moves about its trim.
+
+    Attributes
+    ----------
+    deviation : ``(N,)``, control minus trim. energy : ``(N,)``, its short-time root mean square. rest : ``(N,)``, local level of that at rest.
+    """
+
+    deviation: np.ndarray
+    energy: np.ndarray
+    rest: np.ndarray
+
+
+def stretches(signals: Signals) -> Iterator[Stretch]:
+    """The parts of a record between pauses, each on an even grid of at most ``FASTEST``; parts of fewer than eight rows are left out."""
+    time = np.asarray(signals.time, dtype=float)
+    intervals = np.diff(time)
+    usual = float(np.median(intervals)) if intervals.size else 1.0
+    breaks = np.flatnonzero(intervals > max(PAUSE, 5.0 * usual)) + 1
+    edges = [0, *breaks.tolist(), time.size]
+    for first, last in itertools.pairwise(edges):
+        if last - first >= 8:
+            yield _even(signals, slice(first, last), usual)
+
+
+def _even(signals: Signals, rows: slice, usual: float) -> Stretch:
+    time = np.asarray(signals.time[rows], dtype=float)
+    block = max(1, round(1.0 / (FASTEST * usual)))
+    count = max(2, round((time[-1] - time[0]) / usual) + 1)
+    grid = time[0] + usual * np.arange(count)
+    even = count == time.size and bool(np.all(np.abs(time - grid) < 0.1 * usual))
+
+    def on_grid(values: np.ndarray) -> np.ndarray | None:
+        whole = np.asarray(values[rows], dtype=float)
+        known = np.isfinite(whole)
+        if np.count_nonzero(known) < 2:
+            return None
+        if not even or not known.all():
+            whole = np.interp(grid, time[known], whole[known])
+        return whole[: count // block * block].reshape(-1, block).mean(axis=1) if block > 1 else whole
+
+    inputs = {name: values for name in AXES if name in signals.inputs and (values := on_grid(signals.inputs[name])) is not None}
+    outputs = {name: values for name, each in signals.outputs.items() if (values := on_grid(each)) is not None}
+    if block > 1:
+        grid = grid[: count // block * block].reshape(-1, block).mean(axis=1)
+    return Stretch(grid, usual * block, inputs, outputs)
+
+
+def activity_of(stretch: Stretch, values: np.ndarray) -> Activity:
+    """Deviation of a control from its running median, short-time energy and local rest level."""
+    deviation = values - trim_of(stretch, values)
+    return Activity(deviation, short_time_energy(stretch, deviation), rest_level(stretch, deviation))
+
+
+def short_time_energy(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
+    """Root mean square over ``ENERGY_WINDOW`` about each sample."""
+    # The running sum leaves rounding errors of either sign where a clean input rests.
+    power = uniform_filter1d(deviation**2, stretch.samples(ENERGY_WINDOW), mode="nearest")
+    return np.sqrt(np.maximum(power, 0.0))
+
+
+def rest_level(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
+    """The short-time energy at rest: a low quantile over ``REST_WINDOW``, which maneuvers that fill most of it do not raise."""
+    every = stretch.samples(ENERGY_WINDOW)
+    coarse = short_time_energy(stretch, deviation)[every // 2 :: every]
+    size = round(REST_WINDOW / ENERGY_WINDOW)
+    if coarse.size <= size:
+        rest = np.full(coarse.size, float(np.percentile(coarse, REST_SHARE)))
+    else:  # near its ends a record is judged by its first and last whole window
+        half = size // 2
+        rest = percentile_filter(coarse, REST_SHARE, size=size)
+        rest[:half], rest[-half:] = rest[half], rest[-half - 1]
+    floor = LEAST_REST * float(np.max(np.abs(deviation)))
+    positions = np.arange(coarse.size) * every + every // 2
+    return np.maximum(np.interp(np.arange(deviation.size), positions, rest), floor)
+
+
+def trim_of(stretch: Stretch, values: np.ndarray) -> np.ndarray:
+    """The running median of a signal over ``TRIM_WINDOW``, which an input held for less than half of it does not move."""
+    block = stretch.samples(1.0 / TRIM_RATE)
+    if values.size < 4 * block:
+        return np.full(values.size, float(np.median(values)))
+    count = values.size // block
+    blocks = np.median(values[: count * block].reshape(count, block), axis=1)
+    size = min(count, round(TRIM_WINDOW * TRIM_RATE)) | 1
+    return np.interp(
+        np.arange(values.size),
+        np.arange(count) * block + 0.5 * (block - 1),
+        median_filter(blocks, size=size, mode="reflect"),
+    )

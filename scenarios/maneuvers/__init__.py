@@ -1,0 +1,1 @@
+"""Maneuvers in a long record."""

@@ -1,0 +1,48 @@
+"""The figure of a whole flight: a band that loses no peak, few points, holes at pauses, a number for each maneuver."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ident.maneuver_detection import Maneuver
+from scenarios.plots.maneuvers import BINS, envelope, figure_flight
+from sim.record import Channel, Record
+
+
+def test_a_band_keeps_every_peak_in_its_place() -> None:
+    rng = np.random.default_rng(0)
+    times = np.arange(200_000) * 0.01
+    values = rng.standard_normal(times.size)
+    values[[777, 123_456]] = [50.0, -60.0]
+    values[5000:5100] = np.nan
+    middle, low, high = envelope(times, values)
+    assert middle.size == low.size == high.size == BINS
+    assert (high.max(), low.min()) == (50.0, -60.0)
+    assert middle[np.argmax(high)] == pytest.approx(7.77, abs=2.0)
+    assert np.all(low[1:] <= high[:-1]) and np.all(low[:-1] <= high[1:]), "neighbours touch"
+
+
+def test_few_samples_are_drawn_as_they_are() -> None:
+    times, values = np.arange(10.0), np.arange(10.0) ** 2
+    assert all(np.array_equal(got, wanted) for got, wanted in zip(envelope(times, values), (times, values, values), strict=True))
+
+
+def test_the_figure() -> None:
+    times = np.r_[np.arange(0.0, 100.0, 0.1), np.arange(200.0, 300.0, 0.1)]
+    outputs = tuple(Channel.of(name, unit, np.sin(times)) for name, unit in (("elevator", "rad"), ("phi", "rad"), ("nz", "g")))
+    found = [
+        Maneuver(20.0, 30.0, "pitch", "doublet", "elevator", 0.1),
+        Maneuver(40.0, 60.0, "roll", "turn", "phi", 0.5),
+        Maneuver(220.0, 260.0, "all", "trim", "", 0.0),
+    ]
+    numbered = [SimpleNamespace(number=k, found=each) for k, each in enumerate(found, start=1)]
+    searched = SimpleNamespace(record=Record(times, (), outputs), maneuvers=numbered, simulated=False)
+    figure = figure_flight(searched, "flight.csv")
+    elevator, nz, phi = figure.axes
+    assert [[text.get_text() for text in panel.texts] for panel in (elevator, nz, phi)] == [["1"], [], ["2"]]
+    assert "elevator" in elevator.get_ylabel() and "deg" in phi.get_ylabel()
+    (band,) = [each for each in elevator.collections if len(each.get_paths()) > 0][:1]
+    assert len(band.get_paths()) == 2, "a hole at the pause"
