@@ -90,9 +90,9 @@ def estimated_by(
     """The system that a method estimates, and what it finds; a filter runs along the first record, begun from a fit of it."""
     system = compile_model(model, outputs)
     if method == "equation-error":
-        from ident.regression.equation_error import run_equation_error
+        from ident.regression.equation_error import RegressionSettings, run_equation_error
 
-        return system, run_equation_error(records, system)
+        return system, run_equation_error(records, system, RegressionSettings(instruments=True))
     if method == FREQUENCY:
         return system, estimated(records, system, settings, delays_of(model), options.band)
     if method == "filter-error":

@@ -1,0 +1,172 @@
+"""Coverage of every estimator: ``python -m scenarios.trials.coverage.estimators ROWS.jsonl [--runs N] [--page docs/estimators.md]``.
+
+Each cell is an estimator, a model and a kind of noise. Its flights come from `independent_flights` and are identified as a user would: by
+``flightid.identify`` on a DataFrame, from derivatives that are up to 30 % wrong. Every run is one line of the file, so that a campaign that
+was stopped goes on where it ended. ``--page`` writes the table into a page between two marks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenarios.trials.coverage.independent_flights import MODELS, NOISES, flown
+from sim.errors import FlightidError
+
+ESTIMATORS = ("output-error", "filter-error", "equation-error", "frequency-domain", "ekf", "ukf")
+LOW, HIGH = 0.93, 0.97  # of the two-sigma coverage: where it should be
+NORMAL = 1.959963984540054  # of a 95 % interval
+BEGIN, END = "<!-- coverage table: begin -->", "<!-- coverage table: end -->"
+Cell = tuple[str, str, str]
+
+
+def cells(wanted: Sequence[str] = ()) -> list[Cell]:
+    """All cells, or those that contain every word of one of ``wanted`` (``"ekf,rigid,white"``; words left out stand for any)."""
+    every = [
+        (estimator, model, noise)
+        for noise in NOISES
+        for model in MODELS
+        for estimator in ESTIMATORS
+        if (estimator, model) != ("frequency-domain", "longitudinal")  # not linear: refused
+    ]
+    if not wanted:
+        return every
+    asked = [set(each.split(",")) for each in wanted]
+    return [cell for cell in every if any(words <= set(cell) for words in asked)]
+
+
+def run_of(cell: Cell, run: int) -> dict[str, Any]:
+    """One flight of a cell, identified: errors in sigmas by parameter, the outcome, and the factor of a caution on the sigmas."""
+    import pandas as pd
+
+    import flightid
+
+    estimator, model, noise = cell
+    flight = flown(model, noise, run)
+    row: dict[str, Any] = {"estimator": estimator, "model": model, "noise": noise, "run": run}
+    try:
+        found = flightid.identify(pd.DataFrame(flight.columns), model, dict(flight.vehicle), method=estimator, hold="previous")
+    except (FlightidError, flightid.InputError) as error:
+        return {**row, "outcome": "refused", "message": str(error)[:200], "errors": {}}
+    identification = found.details.found
+    estimate = identification.estimate
+    errors = {}
+    for name, value in flight.true.items():
+        if name in estimate.names and estimate.sigma(name) > 0.0:
+            errors[name] = round((estimate.value(name) - value) / estimate.sigma(name), 4)
+    cautioned = [each for each in identification.cautions if "sigma" in each]
+    return {**row, "outcome": estimate.outcome.code, "cautioned": bool(cautioned), "errors": errors}
+
+
+def measure(rows: Path, wanted: Sequence[Cell], runs: int, first: int = 0) -> None:
+    """Append every run that the file does not hold yet, all cells advancing together."""
+    kept = {(each["estimator"], each["model"], each["noise"], each["run"]) for each in read_rows(rows)}
+    for run in range(first, first + runs):
+        for cell in wanted:
+            if (*cell, run) not in kept:
+                with rows.open("a", encoding="utf-8") as out:
+                    out.write(json.dumps(run_of(cell, run)) + "\n")
+
+
+def read_rows(rows: Path) -> list[dict[str, Any]]:
+    """The runs that a file holds; none where there is no file."""
+    return [json.loads(line) for line in rows.read_text(encoding="utf-8").splitlines()] if rows.is_file() else []
+
+
+def wilson(share: float, count: float) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share of ``count`` independent trials."""
+    z2 = NORMAL * NORMAL
+    middle = (share + 0.5 * z2 / count) / (1.0 + z2 / count)
+    half = NORMAL * np.sqrt(share * (1.0 - share) / count + 0.25 * z2 / count**2) / (1.0 + z2 / count)
+    return float(max(0.0, middle - half)), float(min(1.0, middle + half))
+
+
+def statistics(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Coverage of one cell's settled runs, all parameters together, and its interval.
+
+    Parameters of one run are not independent. The interval counts as many trials as the scatter of the share from run to run says,
+    at least one a run. ``scale`` is the factor by which sigmas would have to be larger to hold 95.4 % of the errors.
+    """
+    every = list(rows)
+    settled = [each for each in every if each["errors"] and each["outcome"] in ("converged", "at-bound")]
+    base = {"runs": len(every), "settled": len(settled), "cautioned": sum(bool(each.get("cautioned")) for each in settled)}
+    if not settled:
+        return base
+    names = list(settled[0]["errors"])
+    errors = np.array([[each["errors"].get(name, np.nan) for name in names] for each in settled])
+    inside = np.abs(errors) <= 2.0
+    share, by_run = float(inside.mean()), inside.mean(axis=1)
+    trials = float(inside.size)
+    if len(settled) > 1 and 0.0 < share < 1.0:
+        trials = float(np.clip(share * (1.0 - share) * len(settled) / max(by_run.var(ddof=1), 1e-12), len(settled), inside.size))
+    low, high = wilson(share, trials)
+    by_name = inside.mean(axis=0)
+    worst = int(np.argmin(by_name))
+    return {
+        **base,
+        "share": share,
+        "low": low,
+        "high": high,
+        "worst": names[worst],
+        "worst_share": float(by_name[worst]),
+        "worst_interval": wilson(float(by_name[worst]), len(settled)),
+        "bias": float(np.max(np.abs(np.mean(errors, axis=0)))),
+        "scale": float(np.quantile(np.abs(errors), 0.9545) / 2.0),
+    }
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The measured cells as a table of Markdown."""
+    head = "| noise | model | estimator | runs | settled | within 2 sigma | 95 % interval | least | largest mean error | cautioned |\n"
+    lines = [head, "|---|---|---|---|---|---|---|---|---|---|\n"]
+    for estimator, model, noise in cells():
+        mine = [each for each in rows if (each["estimator"], each["model"], each["noise"]) == (estimator, model, noise)]
+        if not mine:
+            continue
+        s = statistics(mine)
+        start = f"| {noise} | {model} | {estimator} | {s['runs']} | {s['settled']} |"
+        if "share" not in s:
+            lines.append(f"{start} - | - | - | - | - |\n")
+            continue
+        low, high = s["worst_interval"]
+        least = f"{s['worst']} {100 * s['worst_share']:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+        held = f"{100 * s['share']:.1f} % | {100 * s['low']:.1f} to {100 * s['high']:.1f} %"
+        cautioned = f"{100 * s['cautioned'] / s['settled']:.0f} %"
+        lines.append(f"{start} {held} | {least} | {s['bias']:.2f} sigma | {cautioned} |\n")
+    return "".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure what is asked and print or write the table; 2 with one line where that fails."""
+    parser = argparse.ArgumentParser(prog="python -m scenarios.trials.coverage.estimators", description="coverage of every estimator")
+    parser.add_argument("rows", type=Path, help="file of runs, one a line; what it holds is not run again")
+    parser.add_argument("--runs", type=int, default=0, help="runs of each cell (default: none, the table of what is there)")
+    parser.add_argument("--first", type=int, default=0, help="number of the first run")
+    parser.add_argument("--only", action="append", default=[], metavar="WORDS", help="cells with all these words, e.g. ekf,lateral")
+    parser.add_argument("--page", type=Path, help="write the table into this page between its marks")
+    asked = parser.parse_args(arguments)
+    try:
+        measure(asked.rows, cells(asked.only), asked.runs, asked.first)
+        found = table(read_rows(asked.rows))
+        if asked.page is None:
+            print(found, end="")
+            return 0
+        text = asked.page.read_text(encoding="utf-8")
+        if BEGIN not in text or END not in text:
+            raise ValueError(f"{asked.page} has no marks {BEGIN} and {END}")
+        before, after = text.split(BEGIN, 1)[0], text.split(END, 1)[1]
+        asked.page.write_text(f"{before}{BEGIN}\n\n{found}\n{END}{after}", encoding="utf-8")
+    except (OSError, ValueError) as error:
+        print(f"python -m scenarios.trials.coverage.estimators: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
