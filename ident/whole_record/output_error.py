@@ -14,6 +14,7 @@ import numpy as np
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.statistics.coloured_covariance import corrected_covariance
 from ident.statistics.information import inverse_information
+from ident.statistics.normal_equations import add_normal_equations
 from ident.whole_record.best_start import fit_from_best_start, in_pieces, put_together, quiet, said_of_pieces, started_unstable
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
@@ -92,7 +93,14 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
         return inverse, determined
     layout = fit.layout
     parts = [(layout.columns(r), fit.jacobians[r], fit.residuals[r], problem.valid) for r, problem in enumerate(layout.problems)]
-    return corrected_covariance(inverse, parts, fit.variance, prior_information(fit)), determined
+    known = prior_information(fit)
+    if fit.noise_model.names:
+        # What innovation covariances say of the unknowns, and the prior: no colour of the residuals changes that.
+        known = np.array(normal)
+        for r, problem in enumerate(layout.problems):
+            weight = np.where(problem.valid, -1.0 / fit.variance[:, None], 0.0)
+            add_normal_equations(known, np.zeros(len(known)), layout.columns(r), fit.jacobians[r], fit.residuals[r], weight)
+    return corrected_covariance(inverse, parts, fit.variance, known), determined
 
 
 def prior_information(fit: Fit) -> np.ndarray | None:
