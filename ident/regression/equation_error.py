@@ -34,6 +34,7 @@ from sim.record import Channel, Record
 
 SIMULATED_STEP = 0.02  # s, of the simulation that gives instruments
 RUNAWAY = 3.0  # scatters of a state by which its simulation may leave the record and still serve
+SIMULATIONS = 2  # at least squares and at the first estimate without its bias: a better instrument is no better estimate
 PAIRS = 6  # of added noise and its negative, from which the bias of least squares is found
 
 
@@ -291,12 +292,12 @@ def _with_instruments(
     layout: _Layout, theta: np.ndarray, parts: list[_Equations], outcome: Outcome, done: int, settings: RegressionSettings
 ) -> Estimate:
     """The estimate with instrumental variables, or the corrected one of least squares where a simulation does not stay with the records."""
-    squares = _finished(layout, theta, parts, outcome, done, settings)
-    if squares.outcome is not Outcome.CONVERGED:
-        return squares
-    found = _instrumental(layout, theta, settings)
+    squares = _finished(layout, theta, parts, outcome, done, replace(settings, coloured=False))
+    settled = squares.outcome is Outcome.CONVERGED
+    found = _instrumental(layout, theta, settings) if settled else None
     if found is None:
-        return _less_bias(layout, theta, squares, settings)
+        squares = _finished(layout, theta, parts, outcome, done, settings)
+        return _less_bias(layout, theta, squares, settings) if settled else squares
     theta, covariance, outcome, more = found
     at_end = _evaluate(layout, theta)
     if at_end is None:
@@ -316,8 +317,10 @@ def _with_instruments(
 def _instrumental(layout: _Layout, theta: np.ndarray, settings: RegressionSettings) -> tuple[np.ndarray, np.ndarray, Outcome, int] | None:
     """Unknowns, their covariance, outcome and steps with instrumental variables; None where no simulation gives any."""
     _, low, high = _bounds(layout)
+    simulated: list[list[np.ndarray]] | None = None
     for done in range(1, settings.iterations + 1):
-        simulated = _simulated(layout, theta)
+        if done <= SIMULATIONS:
+            simulated = _simulated(layout, theta)
         measured = _evaluate(layout, theta, [_measured(layout, r, theta) for r in range(len(layout.records))])
         instruments = None if simulated is None else _evaluate(layout, theta, simulated)
         if measured is None or instruments is None:

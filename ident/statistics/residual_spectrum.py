@@ -77,7 +77,7 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
     ----------
     inverse : ``(n, n)`` by which a gradient turns into a step of the unknowns.
     """
-    spectra = [_Record(each) for each in records]
+    spectra = [_Record(each) for each in records if np.any(each.residual[each.valid])]
     n = len(inverse)
     for turn in range(_PASSES):
         middle = np.zeros((n, n))
@@ -235,23 +235,16 @@ def joint_autoregressions(autocovariance: np.ndarray, count: float) -> Iterator[
         whole = blocks.transpose(1, 2, 0, 3).reshape(p * m, p * m)
         right = autocovariance[1 : p + 1].transpose(1, 0, 2).reshape(m, p * m)
         try:
-            flat = -np.linalg.solve(whole.T, right.T).T
+            np.linalg.cholesky(whole)  # autocovariances of no process give no stable autoregression
         except np.linalg.LinAlgError:
             return
+        flat = -np.linalg.solve(whole.T, right.T).T
         coefficients = flat.reshape(m, p, m).transpose(1, 0, 2)
         covariance = autocovariance[0] + np.einsum("kab,kcb->ac", coefficients, autocovariance[1 : p + 1])
         covariance = 0.5 * (covariance + covariance.T)
-        if np.linalg.eigvalsh(covariance)[0] <= 0.0 or not _stable(coefficients):
+        if np.linalg.eigvalsh(covariance)[0] <= 0.0:
             return
         yield Autoregression(coefficients, np.ones_like(coefficients, dtype=bool), covariance, count)
-
-
-def _stable(coefficients: np.ndarray) -> bool:
-    p, m, _ = coefficients.shape
-    companion = np.zeros((p * m, p * m))
-    companion[:m] = -coefficients.transpose(1, 0, 2).reshape(m, p * m)
-    companion[m:, :-m] = np.eye((p - 1) * m)
-    return bool(np.max(np.abs(np.linalg.eigvals(companion))) < 1.0)
 
 
 def paired_autocovariance(residual: np.ndarray, valid: np.ndarray, lags: int) -> np.ndarray:
