@@ -95,6 +95,19 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
     return ScoreCovariance(middle, spread)
 
 
+def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> bool:
+    """Whether one cause moves the residuals of several outputs, as gusts do, and not the noise of each sensor by itself.
+
+    Akaike's criterion of an autoregression of all outputs ``(m, N)`` together, against one of each, in any record.
+    """
+    for residual, known in zip(residuals, valid, strict=True):
+        blank = np.zeros((*residual.shape, 0))
+        scores = RecordScores(np.zeros(0, dtype=int), blank, blank, np.where(known, residual, 0.0), known)
+        if np.any(scores.residual) and _Record(scores).joint:
+            return True
+    return False
+
+
 class _Record:
     """Transforms of one record's scores, and the autoregression of its outputs as it stands.
 
@@ -131,6 +144,11 @@ class _Record:
         inverse = np.linalg.inv(self.model.transfer(self.size))
         self.inverse = inverse
         self.density = inverse @ self.model.covariance @ np.conj(inverse.transpose(0, 2, 1))
+
+    @property
+    def joint(self) -> bool:
+        """Whether the autoregression is one of all outputs together."""
+        return len(self.residual) > 1 and bool(np.any(self.model.free[:, ~np.eye(len(self.residual), dtype=bool)]))
 
     def _apart(self, autocovariance: np.ndarray) -> Autoregression:
         """An autoregression of each output, their white noises correlated at the same sample."""
@@ -189,7 +207,7 @@ class _Record:
         slopes = np.where(model.free[:, None], slopes, 0.0).transpose(1, 2, 0, 3).reshape(len(inverse), m, p * m)
         lag = np.subtract.outer(np.arange(p), np.arange(p))
         blocks = np.where((lag <= 0)[:, :, None, None], self.autocovariance[np.abs(lag)], self.autocovariance[np.abs(lag)].transpose(0, 1, 3, 2))
-        if np.count_nonzero(model.free) == model.free.size and m > 1:
+        if self.joint:
             inside = np.linalg.pinv(blocks.transpose(0, 2, 1, 3).reshape(p * m, p * m), hermitian=True)
             return np.asarray(total + np.einsum("nak,kl,nbl,ab->n", slopes, inside, slopes, model.covariance, optimize=True) / model.count)
         for i in range(m):

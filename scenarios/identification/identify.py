@@ -19,6 +19,7 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment.bounds import tied_rows, within_bounds
 from scenarios.identification.assessment.intervals import profiled
 from scenarios.identification.assessment.prediction import RecordFit, record_fits
+from scenarios.identification.assessment.sigmas import sigma_cautions
 from scenarios.identification.assessment.training import trained_by
 from scenarios.identification.cautions import cautions_of
 from scenarios.identification.frequency import METHOD as FREQUENCY
@@ -90,7 +91,7 @@ def identify(
         _tests(records, estimate),
         tuple(others),
         notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
-        cautions=cautions_of(vehicle, estimate, rows),
+        cautions=(*cautions_of(vehicle, estimate, rows), *sigma_cautions(records, estimate)),
         modes=characteristics(system, flown, SLOW) if airborne else None,
         system=system,
         tied=tied_rows(bounded, estimate),

@@ -60,7 +60,7 @@ def run_of(cell: Cell, run: int) -> dict[str, Any]:
     for name, value in flight.true.items():
         if name in estimate.names and estimate.sigma(name) > 0.0:
             errors[name] = round((estimate.value(name) - value) / estimate.sigma(name), 4)
-    cautioned = [each for each in identification.cautions if "sigma" in each]
+    cautioned = [each for each in identification.cautions if "too small" in each]
     return {**row, "outcome": estimate.outcome.code, "cautioned": bool(cautioned), "errors": errors}
 
 
