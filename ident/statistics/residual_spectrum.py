@@ -15,7 +15,8 @@ from functools import lru_cache
 
 import numpy as np
 
-_PASSES = 4  # of the autocovariance towards that of the noise; the bias is a share b of it, and what is left b^5
+_PASSES = 8  # of the autocovariance towards that of the noise, at most
+_SETTLED = 0.01  # of each variance of the gradient, by which a pass moves it at the end: half a percent of a sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +80,13 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
     """
     spectra = [_Record(each) for each in records if np.any(each.residual[each.valid])]
     n = len(inverse)
+    middle = np.zeros((n, n))
     for turn in range(_PASSES):
-        middle = np.zeros((n, n))
+        before, middle = middle, np.zeros((n, n))
         for each in spectra:
             middle[np.ix_(each.scores.at, each.scores.at)] += each.middle()
-        if turn == _PASSES - 1:
+        now, earlier = np.diag(middle), np.diag(before)
+        if turn == _PASSES - 1 or np.all(np.abs(now - earlier) <= _SETTLED * now):
             break
         covariance = inverse @ middle @ inverse.T
         for each in spectra:
