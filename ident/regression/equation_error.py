@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
+from ident.regression.local_polynomial import windows
 from ident.regression.state_histories import StateData, state_data
 from ident.statistics.coloured_covariance import corrected_covariance, sandwich
 from ident.statistics.information import UNDETERMINED, conditional_scale, inverse_information
@@ -35,6 +36,7 @@ from sim.record import Channel, Record
 SIMULATED_STEP = 0.02  # s, of the simulation that gives instruments
 RUNAWAY = 3.0  # scatters of a state by which its simulation may leave the record and still serve
 SIMULATIONS = 2  # at least squares and at the first estimate without its bias: a better instrument is no better estimate
+NARROWER = (1.0, 0.5, 0.25, 0.125)  # shares of a slope's window that are tried with instruments
 PAIRS = 6  # of added noise and its negative, from which the bias of least squares is found
 
 
@@ -193,12 +195,12 @@ def _equations(layout: _Layout, r: int, mine: np.ndarray, history: Sequence[np.n
     residual, valid, right = [], [], []
     for state, increments in zip(data, gained, strict=True):
         if not state.defines:
-            windows = state.slopes
-            left = np.sum(windows.slope * windows.gather(state.raw), axis=1)
-            mean = _averaged(windows.slope, windows.first, increments)
+            fit = state.slopes
+            left = np.sum(fit.slope * fit.gather(state.raw), axis=1)
+            mean = _averaged(fit.slope, fit.first, increments)
             residual.append(left - mean.real[:, 0])
             right.append(mean.imag / COMPLEX_STEP)
-            valid.append(windows.usable)
+            valid.append(fit.usable)
     for i, name in enumerate(system.output_names):
         if name not in system.state_names:
             residual.append(z[i] - y[i].real[:, 0])
@@ -317,33 +319,86 @@ def _with_instruments(
 def _instrumental(layout: _Layout, theta: np.ndarray, settings: RegressionSettings) -> tuple[np.ndarray, np.ndarray, Outcome, int] | None:
     """Unknowns, their covariance, outcome and steps with instrumental variables; None where no simulation gives any."""
     _, low, high = _bounds(layout)
-    simulated: list[list[np.ndarray]] | None = None
-    for done in range(1, settings.iterations + 1):
-        if done <= SIMULATIONS:
-            simulated = _simulated(layout, theta)
-        measured = _evaluate(layout, theta, [_measured(layout, r, theta) for r in range(len(layout.records))])
-        instruments = None if simulated is None else _evaluate(layout, theta, simulated)
-        if measured is None or instruments is None:
+    simulated = _simulated(layout, theta)
+    if simulated is None:
+        return None
+    layout = _sharpest(layout, theta, simulated, settings)
+    outcome, done = Outcome.MAX_ITERATIONS, 0
+    while True:
+        done += 1
+        again = _simulated(layout, theta) if 1 < done <= SIMULATIONS else simulated
+        posed = None if again is None else _posed(layout, theta, again)
+        if again is None or posed is None:
             return None
-        variance, _ = _variances(measured)
-        cross, gradient = np.zeros((len(theta), len(theta))), np.zeros(len(theta))
-        scores = []
-        for r, (seen, by) in enumerate(zip(measured, instruments, strict=True)):
-            at, weights = layout.columns(r), by.jacobian / variance[:, None, None]
-            flat = weights.reshape(-1, len(at))
-            cross[np.ix_(at, at)] += flat.T @ seen.jacobian.reshape(-1, len(at))
-            gradient[at] += flat.T @ seen.residual.ravel()
-            scores.append(RecordScores(at, weights, seen.jacobian, seen.residual, seen.valid))
-        size = conditional_scale(np.abs(cross), theta)
-        scaled = cross * np.outer(size, size)
-        if not np.all(np.isfinite(scaled)) or np.linalg.cond(scaled) > 1.0 / UNDETERMINED:
-            return None
-        inverse = np.linalg.inv(scaled) * np.outer(size, size)
-        step = np.clip(theta + inverse @ gradient, low, high) - theta
-        if np.max(np.abs(step) / size) < settings.tolerance:
-            return theta, sandwich(inverse, scores, coloured=settings.coloured), Outcome.CONVERGED, done
+        simulated = again
+        step = np.clip(theta + posed.inverse @ posed.gradient, low, high) - theta
+        if np.max(np.abs(step) / posed.size) < settings.tolerance:
+            outcome = Outcome.CONVERGED
+        if outcome is Outcome.CONVERGED or done >= settings.iterations:
+            return theta, sandwich(posed.inverse, posed.scores, coloured=settings.coloured), outcome, done
         theta = theta + step
-    return theta, sandwich(inverse, scores, coloured=settings.coloured), Outcome.MAX_ITERATIONS, done
+
+
+@dataclass(frozen=True, eq=False)
+class _Posed:
+    """``inverse @ gradient`` is the step of all unknowns, ``size`` their sigmas with the others known, ``scores`` what each record adds."""
+
+    inverse: np.ndarray
+    gradient: np.ndarray
+    size: np.ndarray
+    scores: list[RecordScores]
+
+
+def _posed(layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]]) -> _Posed | None:
+    """The equations of instrumental variables at ``theta``; None where they are not finite or not regular."""
+    measured = _evaluate(layout, theta, [_measured(layout, r, theta) for r in range(len(layout.records))])
+    instruments = _evaluate(layout, theta, simulated)
+    if measured is None or instruments is None:
+        return None
+    variance, _ = _variances(measured)
+    cross, gradient, scores = np.zeros((len(theta), len(theta))), np.zeros(len(theta)), []
+    for r, (seen, by) in enumerate(zip(measured, instruments, strict=True)):
+        at, weights = layout.columns(r), by.jacobian / variance[:, None, None]
+        flat = weights.reshape(-1, len(at))
+        cross[np.ix_(at, at)] += flat.T @ seen.jacobian.reshape(-1, len(at))
+        gradient[at] += flat.T @ seen.residual.ravel()
+        scores.append(RecordScores(at, weights, seen.jacobian, seen.residual, seen.valid))
+    size = conditional_scale(np.abs(cross), theta)
+    scaled = cross * np.outer(size, size)
+    if not np.all(np.isfinite(scaled)) or np.linalg.cond(scaled) > 1.0 / UNDETERMINED:
+        return None
+    return _Posed(np.linalg.inv(scaled) * np.outer(size, size), gradient, size, scores)
+
+
+def _sharpest(layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]], settings: RegressionSettings) -> _Layout:
+    """The layout with slopes over those windows, of several widths, with which the covariance of the shared parameters is least.
+
+    Wide windows leave little noise in a slope, but noise that is much alike from sample to sample; other equations then count too little.
+    """
+    n, best, least = len(layout.shared), layout, np.inf
+    for share in NARROWER:
+        data = tuple(
+            [state if state.defines else _narrower(record, state, share) for state in each]
+            for record, each in zip(layout.records, layout.data, strict=True)
+        )
+        trial = replace(layout, data=data)
+        posed = _posed(trial, theta, simulated)
+        if posed is None:
+            continue
+        covariance = sandwich(posed.inverse, posed.scores, coloured=settings.coloured)[:n, :n]
+        scale = posed.size[:n]
+        sign, log = np.linalg.slogdet(covariance / np.outer(scale, scale))
+        log += 2.0 * float(np.log(scale).sum())
+        if sign > 0 and log < least:
+            best, least = trial, log
+    return best
+
+
+def _narrower(record: Record, state: StateData, share: float) -> StateData:
+    """The state with its slopes over windows of a ``share`` of the half width, of two samples at least."""
+    half = (state.slopes.value.shape[1] - 1) // 2
+    width = max(2, round(share * half))
+    return state if share == 1.0 or width >= half else replace(state, slopes=windows(record.time, state.valid, width, 1))
 
 
 def _measured(layout: _Layout, r: int, theta: np.ndarray) -> list[np.ndarray]:
