@@ -98,9 +98,7 @@ class ProcessNoise:
             information[np.ix_(moving, moving)] += part.information
         return gradient, information
 
-    def sample_scores(
-        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
-    ) -> list[np.ndarray]:
+    def sample_scores(self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals) -> list[np.ndarray]:
         """What each node of each record adds to the gradient of the log likelihood, ``(K + 1, n)`` a record, no prior counted."""
         out = []
         for r, (filter, jacobian) in enumerate(zip(filters_of(weighted), weighted.jacobians, strict=True)):

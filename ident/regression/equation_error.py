@@ -165,9 +165,7 @@ def _layout(records: Sequence[Record], system: System) -> _Layout:
 def _evaluate(layout: _Layout, theta: np.ndarray, histories: Sequence[Sequence[np.ndarray]] | None = None) -> list[_Equations] | None:
     """Residuals of all records; ``histories`` in place of the smoothed states, the biases of their sensors taken off already."""
     with np.errstate(all="ignore"):
-        parts = [
-            _equations(layout, r, theta[layout.columns(r)], None if histories is None else histories[r]) for r in range(len(layout.records))
-        ]
+        parts = [_equations(layout, r, theta[layout.columns(r)], None if histories is None else histories[r]) for r in range(len(layout.records))]
     sound = all(np.all(np.abs(part.residual) < LARGEST) and np.all(np.abs(part.jacobian) < LARGEST) for part in parts)
     return parts if sound else None
 

@@ -1,10 +1,13 @@
 """Power spectra of the residuals of a fit, by autoregressions, freed of what the fit has taken out of them.
 
-The residuals of a fit are the noise less what the fitted unknowns have followed of it. Of noise with a long memory that is a large part of
-its power at low frequency, where maneuvers have theirs too: autocovariances of residuals are too small, and their taper makes them smaller
-(Kiefer and Vogelsang, Econometric Theory 21(6), 2005). Here the noise is an autoregression, its order by Akaike's criterion (Berk, Annals of
-Statistics 2(3), 1974; den Haan and Levin, NBER technical paper 197, 1996): of each output by itself, or of all together, as gusts move them.
-Its autocovariance is moved by the difference between noise and residual that this autoregression itself leads to, until both agree.
+The residuals of a fit are the noise less what the fitted unknowns have followed of it. Of noise
+with a long memory that is a large part of its power at low frequency, where maneuvers have theirs
+too: autocovariances of residuals are too small, and their taper makes them smaller (Kiefer and
+Vogelsang, Econometric Theory 21(6), 2005). Here the noise is an autoregression, its order by
+Akaike's criterion (Berk, Annals of Statistics 2(3), 1974; den Haan and Levin, NBER technical
+paper 197, 1996): of each output by itself, or of all together, as gusts move them. Its
+autocovariance is moved by the difference between noise and residual that this autoregression
+itself leads to, until both agree.
 """
 
 from __future__ import annotations
@@ -23,7 +26,8 @@ _SETTLED = 0.01  # of each variance of the gradient, by which a pass moves it at
 class Autoregression:
     """``w[k] = e[k] + sum A[j] e[k - 1 - j]`` is white with ``covariance (m, m)``, for m outputs ``e``.
 
-    ``coefficients`` A ``(p, m, m)``; ``free (p, m, m)`` True where one was fitted. ``count``: samples of an output.
+    ``coefficients`` A ``(p, m, m)``; ``free (p, m, m)`` True where one was fitted. ``count``:
+    samples of an output.
     """
 
     coefficients: np.ndarray
@@ -52,8 +56,10 @@ class RecordScores:
 
     Attributes
     ----------
-    at : ``(c,)`` positions of its unknowns. weights : ``(m, N, c)`` such that the gradient is their sum with the residuals.
-    jacobian : ``(m, N, c)`` by which a change of the unknowns changes the fitted outputs. residual, valid : ``(m, N)``; all zero where missing.
+    at : ``(c,)`` positions of its unknowns. weights : ``(m, N, c)`` such that the gradient is
+    their sum with the residuals.
+    jacobian : ``(m, N, c)`` by which a change of the unknowns changes the fitted outputs.
+    residual, valid : ``(m, N)``; all zero where missing.
     """
 
     at: np.ndarray
@@ -101,7 +107,8 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
 def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> bool:
     """Whether one cause moves the residuals of several outputs, as gusts do, and not the noise of each sensor by itself.
 
-    Akaike's criterion of an autoregression of all outputs ``(m, N)`` together, against one of each, in any record.
+    Akaike's criterion of an autoregression of all outputs ``(m, N)`` together, against one of
+    each, in any record.
     """
     for residual, known in zip(residuals, valid, strict=True):
         blank = np.zeros((*residual.shape, 0))
@@ -114,7 +121,8 @@ def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarr
 class _Record:
     """Transforms of one record's scores, and the autoregression of its outputs as it stands.
 
-    Outputs that were not recorded, or are met exactly, are left out; the others are in units of their own scatter.
+    Outputs that were not recorded, or are met exactly, are left out; the others are in units of
+    their own scatter.
     """
 
     def __init__(self, scores: RecordScores) -> None:
@@ -143,7 +151,10 @@ class _Record:
         """The better, by Akaike's criterion, of one autoregression an output and one of all outputs together."""
         self.autocovariance = autocovariance
         apart = self._apart(autocovariance)
-        self.model = min([apart, *joint_autoregressions(autocovariance, self.samples)], key=lambda each: each.criterion)
+        self.model = min(
+            [apart, *joint_autoregressions(autocovariance, self.samples)],
+            key=lambda each: each.criterion,
+        )
         inverse = np.linalg.inv(self.model.transfer(self.size))
         self.inverse = inverse
         self.density = inverse @ self.model.covariance @ np.conj(inverse.transpose(0, 2, 1))
@@ -167,7 +178,12 @@ class _Record:
         product = white @ white.T
         size = np.sqrt(np.maximum(np.diag(product), 1e-300))
         level = np.sqrt([variance for _, variance in fitted])
-        return Autoregression(coefficients, free, product / np.outer(size, size) * np.outer(level, level), self.samples)
+        return Autoregression(
+            coefficients,
+            free,
+            product / np.outer(size, size) * np.outer(level, level),
+            self.samples,
+        )
 
     def driven(self) -> np.ndarray:
         """Transforms ``(F, m, c)`` of the covariance between each output's noise and the gradient."""
@@ -209,7 +225,11 @@ class _Record:
         slopes = np.array([-2.0 * np.einsum("nfa,f,nfb->nab", np.conj(left), self.parseval * turn, right, optimize=True).real for turn in angles])
         slopes = np.where(model.free[:, None], slopes, 0.0).transpose(1, 2, 0, 3).reshape(len(inverse), m, p * m)
         lag = np.subtract.outer(np.arange(p), np.arange(p))
-        blocks = np.where((lag <= 0)[:, :, None, None], self.autocovariance[np.abs(lag)], self.autocovariance[np.abs(lag)].transpose(0, 1, 3, 2))
+        blocks = np.where(
+            (lag <= 0)[:, :, None, None],
+            self.autocovariance[np.abs(lag)],
+            self.autocovariance[np.abs(lag)].transpose(0, 1, 3, 2),
+        )
         if self.joint:
             inside = np.linalg.pinv(blocks.transpose(0, 2, 1, 3).reshape(p * m, p * m), hermitian=True)
             return np.asarray(total + np.einsum("nak,kl,nbl,ab->n", slopes, inside, slopes, model.covariance, optimize=True) / model.count)
@@ -252,7 +272,11 @@ def joint_autoregressions(autocovariance: np.ndarray, count: float) -> Iterator[
     for p in range(1, min(len(autocovariance) - 1, int(count / (10.0 * m))) + 1):
         lag = np.subtract.outer(np.arange(p), np.arange(p))
         # Block (h, k): R[h - k], of a negative lag the transpose.
-        blocks = np.where((lag >= 0)[:, :, None, None], autocovariance[np.abs(lag)], autocovariance[np.abs(lag)].transpose(0, 1, 3, 2))
+        blocks = np.where(
+            (lag >= 0)[:, :, None, None],
+            autocovariance[np.abs(lag)],
+            autocovariance[np.abs(lag)].transpose(0, 1, 3, 2),
+        )
         whole = blocks.transpose(1, 2, 0, 3).reshape(p * m, p * m)
         right = autocovariance[1 : p + 1].transpose(1, 0, 2).reshape(m, p * m)
         try:

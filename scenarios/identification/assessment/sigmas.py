@@ -13,7 +13,10 @@ from sim.record import Record
 
 # In gusts, of the worst model: factor on sigmas with which two of them hold 95.4 % of the true values, and what two hold without it.
 # Measured: docs/estimators.md, Coverage.
-SHORT_IN_GUSTS: Mapping[str, tuple[float, float]] = {"output-error": (1.3, 0.87), FREQUENCY: (1.5, 0.84)}
+SHORT_IN_GUSTS: Mapping[str, tuple[float, float]] = {
+    "output-error": (1.3, 0.87),
+    FREQUENCY: (1.5, 0.84),
+}
 
 
 def sigma_cautions(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:

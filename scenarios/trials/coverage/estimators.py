@@ -1,8 +1,10 @@
 """Coverage of every estimator: ``python -m scenarios.trials.coverage.estimators ROWS.jsonl [--runs N] [--page docs/estimators.md]``.
 
-Each cell is an estimator, a model and a kind of noise. Its flights come from `independent_flights` and are identified as a user would: by
-``flightid.identify`` on a DataFrame, from derivatives that are up to 30 % wrong. Every run is one line of the file, so that a campaign that
-was stopped goes on where it ended. ``--page`` writes the table into a page between two marks.
+Each cell is an estimator, a model and a kind of noise. Its flights come from
+`independent_flights` and are identified as a user would: by ``flightid.identify`` on a DataFrame,
+from derivatives that are up to 30 % wrong. Every run is one line of the file, so that a campaign
+that was stopped goes on where it ended. ``--page`` writes the table into a page between two
+marks.
 """
 
 from __future__ import annotations
@@ -16,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
+from ident.statistics.shares import clopper_pearson, clustered_share
 from scenarios.trials.coverage.independent_flights import MODELS, NOISES, flown
 from sim.errors import FlightidError
 
 ESTIMATORS = ("output-error", "filter-error", "equation-error", "frequency-domain", "ekf", "ukf")
 LOW, HIGH = 0.93, 0.97  # of the two-sigma coverage: where it should be
-NORMAL = 1.959963984540054  # of a 95 % interval
 BEGIN, END = "<!-- coverage table: begin -->", "<!-- coverage table: end -->"
 Cell = tuple[str, str, str]
 
@@ -51,7 +53,13 @@ def run_of(cell: Cell, run: int) -> dict[str, Any]:
     flight = flown(model, noise, run)
     row: dict[str, Any] = {"estimator": estimator, "model": model, "noise": noise, "run": run}
     try:
-        found = flightid.identify(pd.DataFrame(flight.columns), model, dict(flight.vehicle), method=estimator, hold="previous")
+        found = flightid.identify(
+            pd.DataFrame(flight.columns),
+            model,
+            dict(flight.vehicle),
+            method=estimator,
+            hold="previous",
+        )
     except (FlightidError, flightid.InputError) as error:
         return {**row, "outcome": "refused", "message": str(error)[:200], "errors": {}}
     identification = found.details.found
@@ -79,43 +87,37 @@ def read_rows(rows: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in rows.read_text(encoding="utf-8").splitlines()] if rows.is_file() else []
 
 
-def wilson(share: float, count: float) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share of ``count`` independent trials."""
-    z2 = NORMAL * NORMAL
-    middle = (share + 0.5 * z2 / count) / (1.0 + z2 / count)
-    half = NORMAL * np.sqrt(share * (1.0 - share) / count + 0.25 * z2 / count**2) / (1.0 + z2 / count)
-    return float(max(0.0, middle - half)), float(min(1.0, middle + half))
-
-
 def statistics(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     """Coverage of one cell's settled runs, all parameters together, and its interval.
 
-    Parameters of one run are not independent. The interval counts as many trials as the scatter of the share from run to run says,
-    at least one a run. ``scale`` is the factor by which sigmas would have to be larger to hold 95.4 % of the errors.
+    Parameters of one run are not independent: the interval is one over runs drawn again
+    (`ident.statistics.shares`). ``worst``: the parameter that is covered least, with Clopper and
+    Pearson's interval. ``bias``: the largest mean error of a parameter, in sigmas. ``scale``: the
+    factor by which sigmas would have to be larger to hold 95.4 % of the errors.
     """
     every = list(rows)
     settled = [each for each in every if each["errors"] and each["outcome"] in ("converged", "at-bound")]
-    base = {"runs": len(every), "settled": len(settled), "cautioned": sum(bool(each.get("cautioned")) for each in settled)}
+    base = {
+        "runs": len(every),
+        "settled": len(settled),
+        "cautioned": sum(bool(each.get("cautioned")) for each in settled),
+    }
     if not settled:
         return base
     names = list(settled[0]["errors"])
     errors = np.array([[each["errors"].get(name, np.nan) for name in names] for each in settled])
     inside = np.abs(errors) <= 2.0
-    share, by_run = float(inside.mean()), inside.mean(axis=1)
-    trials = float(inside.size)
-    if len(settled) > 1 and 0.0 < share < 1.0:
-        trials = float(np.clip(share * (1.0 - share) * len(settled) / max(by_run.var(ddof=1), 1e-12), len(settled), inside.size))
-    low, high = wilson(share, trials)
+    low, high = clustered_share(inside.sum(axis=1), np.full(len(inside), inside.shape[1]), np.random.default_rng(0))
     by_name = inside.mean(axis=0)
     worst = int(np.argmin(by_name))
     return {
         **base,
-        "share": share,
+        "share": float(inside.mean()),
         "low": low,
         "high": high,
         "worst": names[worst],
         "worst_share": float(by_name[worst]),
-        "worst_interval": wilson(float(by_name[worst]), len(settled)),
+        "worst_interval": clopper_pearson(float(inside[:, worst].sum()), len(settled)),
         "bias": float(np.max(np.abs(np.mean(errors, axis=0)))),
         "scale": float(np.quantile(np.abs(errors), 0.9545) / 2.0),
     }
@@ -144,11 +146,25 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure what is asked and print or write the table; 2 with one line where that fails."""
-    parser = argparse.ArgumentParser(prog="python -m scenarios.trials.coverage.estimators", description="coverage of every estimator")
+    parser = argparse.ArgumentParser(
+        prog="python -m scenarios.trials.coverage.estimators",
+        description="coverage of every estimator",
+    )
     parser.add_argument("rows", type=Path, help="file of runs, one a line; what it holds is not run again")
-    parser.add_argument("--runs", type=int, default=0, help="runs of each cell (default: none, the table of what is there)")
+    parser.add_argument(
+        "--runs",
+        type=int,
+        default=0,
+        help="runs of each cell (default: none, the table of what is there)",
+    )
     parser.add_argument("--first", type=int, default=0, help="number of the first run")
-    parser.add_argument("--only", action="append", default=[], metavar="WORDS", help="cells with all these words, e.g. ekf,lateral")
+    parser.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        metavar="WORDS",
+        help="cells with all these words, e.g. ekf,lateral",
+    )
     parser.add_argument("--page", type=Path, help="write the table into this page between its marks")
     asked = parser.parse_args(arguments)
     try:

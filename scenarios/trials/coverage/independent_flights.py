@@ -1,8 +1,10 @@
 """Flights for the coverage of the estimators, by equations, integration, noise and gusts of their own: nothing of `sim` is used.
 
-Rigid short period: alpha and q about trim, as a pair of linear equations. Lateral: the moment equation solved with the inertia matrix
-(Etkin and Reid, Dynamics of Flight, 3rd ed., section 4.9). Longitudinal: body axes u, w, q, theta (Nelson, Flight Stability and Automatic
-Control, 2nd ed., section 3.2). Runge-Kutta of fourth order on ten steps a sample; inputs are held between samples.
+Rigid short period: alpha and q about trim, as a pair of linear equations. Lateral: the moment
+equation solved with the inertia matrix (Etkin and Reid, Dynamics of Flight, 3rd ed., section
+4.9). Longitudinal: body axes u, w, q, theta (Nelson, Flight Stability and Automatic Control, 2nd
+ed., section 3.2). Runge-Kutta of fourth order on ten steps a sample; inputs are held between
+samples.
 """
 
 from __future__ import annotations
@@ -22,7 +24,15 @@ GUST_SIGMA, GUST_LENGTH = 1.0, 150.0  # m/s and m
 START_ERROR = 0.3  # share by which starting derivatives are wrong, at most
 MODELS = ("rigid", "lateral", "longitudinal")
 NOISES = ("white", "ar1", "markov-gusts", "dryden-gusts")
-_NUMBERS = {"rigid": 1, "lateral": 2, "longitudinal": 3, "white": 1, "ar1": 2, "markov-gusts": 3, "dryden-gusts": 4}
+_NUMBERS = {
+    "rigid": 1,
+    "lateral": 2,
+    "longitudinal": 3,
+    "white": 1,
+    "ar1": 2,
+    "markov-gusts": 3,
+    "dryden-gusts": 4,
+}
 
 DURATION = {"rigid": 12.0, "lateral": 15.0, "longitudinal": 20.0}
 CONSTANTS: Mapping[str, Mapping[str, float]] = {
@@ -31,18 +41,45 @@ CONSTANTS: Mapping[str, Mapping[str, float]] = {
         **{"airspeed": 62.0, "air_density": 1.1},
     },
     "lateral": {
-        **{"mass": 2100.0, "wing_area": 18.2, "span": 11.4, "roll_inertia": 4300.0, "yaw_inertia": 6900.0, "cross_inertia": 210.0},
+        **{
+            "mass": 2100.0,
+            "wing_area": 18.2,
+            "span": 11.4,
+            "roll_inertia": 4300.0,
+            "yaw_inertia": 6900.0,
+            "cross_inertia": 210.0,
+        },
         **{"airspeed": 62.0, "air_density": 1.1, "trim_alpha": 0.05, "trim_theta": 0.03},
     },
     "longitudinal": {
-        **{"mass": 2100.0, "wing_area": 18.2, "chord": 1.65, "pitch_inertia": 3900.0, "air_density": 1.1},
+        **{
+            "mass": 2100.0,
+            "wing_area": 18.2,
+            "chord": 1.65,
+            "pitch_inertia": 3900.0,
+            "air_density": 1.1,
+        },
         **{"reference_airspeed": 62.0, "thrust_arm": -0.1},
     },
 }
 TRUE: Mapping[str, Mapping[str, float]] = {
-    "rigid": {"CL_alpha": 4.9, "CL_q": 7.0, "CL_de": 0.4, "Cm_alpha": -0.9, "Cm_q": -14.0, "Cm_de": -1.2},
+    "rigid": {
+        "CL_alpha": 4.9,
+        "CL_q": 7.0,
+        "CL_de": 0.4,
+        "Cm_alpha": -0.9,
+        "Cm_q": -14.0,
+        "Cm_de": -1.2,
+    },
     "lateral": {
-        **{"CY_beta": -0.65, "CY_dr": 0.19, "Cl_beta": -0.09, "Cl_p": -0.47, "Cl_r": 0.14, "Cl_da": 0.16},
+        **{
+            "CY_beta": -0.65,
+            "CY_dr": 0.19,
+            "Cl_beta": -0.09,
+            "Cl_p": -0.47,
+            "Cl_r": 0.14,
+            "Cl_da": 0.16,
+        },
         **{"Cn_beta": 0.09, "Cn_p": -0.04, "Cn_r": -0.15, "Cn_dr": -0.085},
     },
     "longitudinal": {
@@ -53,7 +90,14 @@ TRUE: Mapping[str, Mapping[str, float]] = {
 SENSORS: Mapping[str, Mapping[str, float]] = {
     "rigid": {"alpha": 0.002, "q": 0.002, "nz": 0.01},
     "lateral": {"beta": 0.002, "p": 0.003, "r": 0.002, "phi": 0.003, "ny": 0.008},
-    "longitudinal": {"airspeed": 0.25, "alpha": 0.002, "theta": 0.002, "q": 0.002, "nz": 0.012, "nx": 0.004},
+    "longitudinal": {
+        "airspeed": 0.25,
+        "alpha": 0.002,
+        "theta": 0.002,
+        "q": 0.002,
+        "nz": 0.012,
+        "nx": 0.004,
+    },
 }
 UNITS = {
     **dict.fromkeys(("alpha", "beta", "theta", "phi", "elevator", "aileron", "rudder"), "rad"),
@@ -112,8 +156,9 @@ def markov(rng: np.random.Generator, count: int, step: float, airspeed: float) -
 def dryden(rng: np.random.Generator, count: int, step: float, airspeed: float) -> np.ndarray:
     """Dryden's vertical gusts ``(count,)`` in m/s: white noise through sigma sqrt(T) (1 + sqrt(3) T s)/(1 + T s)^2, T = length/V.
 
-    The gust and a state of half its memory are integrated as x'' = -2 x'/T - x/T^2 + noise/T^2 in small steps, from their stationary
-    covariance: of x with unit noise density 1/(4 T), of x' 1/(4 T^3).
+    The gust and a state of half its memory are integrated as x'' = -2 x'/T - x/T^2 + noise/T^2 in
+    small steps, from their stationary covariance: of x with unit noise density 1/(4 T), of x'
+    1/(4 T^3).
     """
     T, h = GUST_LENGTH / airspeed, step
     # Exact transition over a step of the critically damped oscillator; the noise's covariance from that of the stationary motion.
@@ -146,7 +191,10 @@ def maneuver(model: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         return time, {"aileron": aileron, "rudder": rudder}
     _, elevator, thrust = level()
     moved = 0.035 * steps((1.0, 1), (2.5, -2), (3.5, 2), (4.0, -2), (4.5, 1), (15.0, -1), (15.6, 2), (16.2, -1))
-    return time, {"elevator": elevator + moved, "thrust": thrust + 1200.0 * steps((6.0, 1), (10.0, -1))}
+    return time, {
+        "elevator": elevator + moved,
+        "thrust": thrust + 1200.0 * steps((6.0, 1), (10.0, -1)),
+    }
 
 
 @functools.cache
@@ -160,7 +208,13 @@ def level() -> tuple[float, float, float]:
         lift = force * (d["CL_0"] + d["CL_alpha"] * alpha + d["CL_de"] * elevator)
         drag = force * (d["CD_0"] + d["CD_alpha"] * alpha)
         moment = d["Cm_0"] + d["Cm_alpha"] * alpha + d["Cm_de"] * elevator + thrust * c["thrust_arm"] / (force * c["chord"])
-        return np.array([(lift + thrust * np.sin(alpha) - c["mass"] * G) / force, (thrust * np.cos(alpha) - drag) / force, moment])
+        return np.array(
+            [
+                (lift + thrust * np.sin(alpha) - c["mass"] * G) / force,
+                (thrust * np.cos(alpha) - drag) / force,
+                moment,
+            ]
+        )
 
     x = np.array([0.05, 0.0, 0.05])
     for _ in range(20):
@@ -276,4 +330,8 @@ def _longitudinal() -> Equations:
     return rates, outputs, np.array([V0 * math.cos(alpha), V0 * math.sin(alpha), 0.0, alpha])
 
 
-_EQUATIONS: Mapping[str, Callable[[], Equations]] = {"rigid": _rigid, "lateral": _lateral, "longitudinal": _longitudinal}
+_EQUATIONS: Mapping[str, Callable[[], Equations]] = {
+    "rigid": _rigid,
+    "lateral": _lateral,
+    "longitudinal": _longitudinal,
+}

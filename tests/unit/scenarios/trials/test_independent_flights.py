@@ -10,7 +10,20 @@ import numpy as np
 import pytest
 
 from scenarios.trials.coverage import independent_flights as flights
-from scenarios.trials.coverage.independent_flights import CONSTANTS, MODELS, NOISES, SENSORS, TRUE, ar1, dryden, flown, level, maneuver, markov, motion
+from scenarios.trials.coverage.independent_flights import (
+    CONSTANTS,
+    MODELS,
+    NOISES,
+    SENSORS,
+    TRUE,
+    ar1,
+    dryden,
+    flown,
+    level,
+    maneuver,
+    markov,
+    motion,
+)
 from sim.declaration.compile import compile_model
 from sim.propagation.grid import drive_from_record, make_grid
 from sim.propagation.integrate import simulate
@@ -22,7 +35,14 @@ def test_nothing_of_the_project_is_used() -> None:
     tree = ast.parse(Path(flights.__file__).read_text(encoding="utf-8"))
     used = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     used |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    assert {name.split(".")[0] for name in used} <= {"__future__", "collections", "dataclasses", "functools", "math", "numpy"}
+    assert {name.split(".")[0] for name in used} <= {
+        "__future__",
+        "collections",
+        "dataclasses",
+        "functools",
+        "math",
+        "numpy",
+    }
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -34,8 +54,21 @@ def test_calm_flights_are_those_of_the_equations_under_test(model: str) -> None:
         start = {"airspeed": CONSTANTS[model]["reference_airspeed"], "alpha": alpha, "theta": alpha}
     system = compile_model(model_from_constants(model, CONSTANTS[model], TRUE[model], initial=start))
     grid, p = make_grid(time, 0.005), system.parameters.values()
-    drive = drive_from_record(system, p, np.array([inputs[name] for name in system.input_names]), time, Hold.PREVIOUS, grid)
-    theirs = dict(zip(system.output_names, simulate(system, p, system.initial.values().tolist(), drive, grid), strict=True))
+    drive = drive_from_record(
+        system,
+        p,
+        np.array([inputs[name] for name in system.input_names]),
+        time,
+        Hold.PREVIOUS,
+        grid,
+    )
+    theirs = dict(
+        zip(
+            system.output_names,
+            simulate(system, p, system.initial.values().tolist(), drive, grid),
+            strict=True,
+        )
+    )
     ours = motion(model, time, inputs)
     for name in SENSORS[model]:
         assert np.std(ours[name]) > 2.0 * SENSORS[model][name], f"{name} moves by less than its noise"
@@ -44,7 +77,11 @@ def test_calm_flights_are_those_of_the_equations_under_test(model: str) -> None:
 
 def test_a_flight_is_the_same_again_and_another_run_is_not() -> None:
     for noise in NOISES:
-        one, again, other = flown("rigid", noise, 3), flown("rigid", noise, 3), flown("rigid", noise, 4)
+        one, again, other = (
+            flown("rigid", noise, 3),
+            flown("rigid", noise, 3),
+            flown("rigid", noise, 4),
+        )
         assert one.vehicle == again.vehicle and one.vehicle != other.vehicle
         for name, column in one.columns.items():
             np.testing.assert_array_equal(column, again.columns[name])
