@@ -423,7 +423,7 @@ def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | N
         grid = make_grid(record.time, min(SIMULATED_STEP, float(np.diff(record.time).max())))
         drive = drive_from_record(layout.system, p, record.input_array(layout.system.input_names), record.time, record.hold, grid)
         measured = [state.smooth - (0.0 if state.bias is None else p[state.bias]) for state in data]
-        states = [row[grid.sample] for row in propagate(layout.system, p, [row[0] for row in measured], drive, grid)]
+        states = [row[grid.sample] for row in propagate(layout.system, p.tolist(), [float(row[0]) for row in measured], drive, grid)]
         for here, there in zip(states, measured, strict=True):
             if not np.all(np.isfinite(here)) or np.std(here - there) > RUNAWAY * np.std(there):
                 return None

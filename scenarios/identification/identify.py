@@ -19,7 +19,6 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment.bounds import tied_rows, within_bounds
 from scenarios.identification.assessment.intervals import profiled
 from scenarios.identification.assessment.prediction import RecordFit, record_fits
-from scenarios.identification.assessment.sigmas import sigma_cautions
 from scenarios.identification.assessment.training import trained_by
 from scenarios.identification.cautions import cautions_of
 from scenarios.identification.frequency import METHOD as FREQUENCY
@@ -27,6 +26,7 @@ from scenarios.identification.frequency import chosen_band, delays_of
 from scenarios.identification.gravity import PATH, weighed, without_theta
 from scenarios.identification.methods import FILTERS, estimated_by, forced, refuse_method, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
+from scenarios.identification.sigma_cautions import sigma_cautions
 from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model

@@ -1,7 +1,7 @@
 """Coverage of every estimator: ``python -m scenarios.trials.coverage.estimators ROWS.jsonl [--runs N] [--page docs/estimators.md]``.
 
 Each cell is an estimator, a model and a kind of noise. Its flights come from
-`independent_flights` and are identified as a user would: by ``flightid.identify`` on a DataFrame,
+`independent_flights` and are identified as a user would: from a CSV file and a vehicle file,
 from derivatives that are up to 30 % wrong. Every run is one line of the file, so that a campaign
 that was stopped goes on where it ended. ``--page`` writes the table into a page between two
 marks.
@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,12 @@ from typing import Any
 import numpy as np
 
 from ident.statistics.shares import clopper_pearson, clustered_share
-from scenarios.trials.coverage.independent_flights import MODELS, NOISES, flown
+from scenarios.identification.from_files import identify_files
+from scenarios.preparation.plan import Plan
+from scenarios.preparation.request import Request
+from scenarios.trials.coverage.independent_flights import MODELS, NOISES, Flight, flown
 from sim.errors import FlightidError
+from sim.record import Hold
 
 ESTIMATORS = ("output-error", "filter-error", "equation-error", "frequency-domain", "ekf", "ukf")
 LOW, HIGH = 0.93, 0.97  # of the two-sigma coverage: where it should be
@@ -44,32 +49,36 @@ def cells(wanted: Sequence[str] = ()) -> list[Cell]:
 
 
 def run_of(cell: Cell, run: int) -> dict[str, Any]:
-    """One flight of a cell, identified: errors in sigmas by parameter, the outcome, and the factor of a caution on the sigmas."""
-    import pandas as pd
-
-    import flightid
-
+    """One flight of a cell, identified: errors in sigmas by parameter, outcome, caution on sigmas."""
     estimator, model, noise = cell
     flight = flown(model, noise, run)
-    row: dict[str, Any] = {"estimator": estimator, "model": model, "noise": noise, "run": run}
-    try:
-        found = flightid.identify(
-            pd.DataFrame(flight.columns),
-            model,
-            dict(flight.vehicle),
-            method=estimator,
-            hold="previous",
-        )
-    except (FlightidError, flightid.InputError) as error:
-        return {**row, "outcome": "refused", "message": str(error)[:200], "errors": {}}
-    identification = found.details.found
-    estimate = identification.estimate
-    errors = {}
+    row = {"estimator": estimator, "model": model, "noise": noise, "run": run}
+    with tempfile.TemporaryDirectory() as folder:
+        record, vehicle = write_flight(Path(folder), flight)
+        plan = Plan(hold=Hold.PREVIOUS)
+        request = Request((record,), model, vehicle, plan=plan)
+        try:
+            found = identify_files(request, estimator).found
+        except FlightidError as error:
+            return {**row, "outcome": "refused", "message": str(error)[:200], "errors": {}}
+    estimate, errors = found.estimate, {}
     for name, value in flight.true.items():
         if name in estimate.names and estimate.sigma(name) > 0.0:
-            errors[name] = round((estimate.value(name) - value) / estimate.sigma(name), 4)
-    cautioned = [each for each in identification.cautions if "too small" in each]
-    return {**row, "outcome": estimate.outcome.code, "cautioned": bool(cautioned), "errors": errors}
+            error = (estimate.value(name) - value) / estimate.sigma(name)
+            errors[name] = round(error, 4)
+    cautioned = any("too small" in each for each in found.cautions)
+    return {**row, "outcome": estimate.outcome.code, "cautioned": cautioned, "errors": errors}
+
+
+def write_flight(folder: Path, flight: Flight) -> tuple[Path, Path]:
+    """The flight as ``record.csv`` and ``vehicle.toml``, as a user has them."""
+    record, vehicle = folder / "record.csv", folder / "vehicle.toml"
+    header, columns = ",".join(flight.columns), np.array(list(flight.columns.values())).T
+    np.savetxt(record, columns, delimiter=",", header=header, comments="", fmt="%.12g")
+    lines = [f"{name} = {json.dumps(value)}" for name, value in flight.vehicle.items()]
+    lines += ["[derivatives]", *(f"{name} = {value!r}" for name, value in flight.start.items())]
+    vehicle.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return record, vehicle
 
 
 def measure(rows: Path, wanted: Sequence[Cell], runs: int, first: int = 0) -> None:

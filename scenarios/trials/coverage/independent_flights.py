@@ -108,10 +108,14 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A measured flight: ``columns`` by header (``"alpha [rad]"``), ``start`` the wrong derivatives, ``true`` the right ones."""
+    """A measured flight: ``columns`` by header (``"alpha [rad]"``), what a vehicle file says.
+
+    ``start`` are the wrong derivatives of the vehicle file, ``true`` the right ones.
+    """
 
     columns: Mapping[str, np.ndarray]
-    vehicle: Mapping[str, object]
+    vehicle: Mapping[str, str | float]
+    start: Mapping[str, float]
     true: Mapping[str, float]
 
 
@@ -130,8 +134,7 @@ def flown(model: str, noise: str, run: int) -> Flight:
     columns = {"time [s]": time, **{f"{name} [{UNITS[name]}]": row for name, row in inputs.items()}}
     for name, std in SENSORS[model].items():
         columns[f"{name} [{UNITS[name]}]"] = outputs[name] + std * sensor(rng, len(time))
-    vehicle = {"name": "light twin", **CONSTANTS[model], "derivatives": start}
-    return Flight(columns, vehicle, TRUE[model])
+    return Flight(columns, {"name": "light twin", **CONSTANTS[model]}, start, TRUE[model])
 
 
 def white(rng: np.random.Generator, count: int) -> np.ndarray:

@@ -6,13 +6,15 @@ import pandas as pd
 import pytest
 
 import flightid
-from scenarios.identification.assessment.sigmas import SHORT_IN_GUSTS
+from scenarios.identification.sigma_cautions import SHORT_IN_GUSTS
 from scenarios.trials.coverage.independent_flights import flown
 
 
 def cautions(method: str, noise: str, run: int = 0) -> list[str]:
     flight = flown("rigid", noise, run)
-    found = flightid.identify(pd.DataFrame(flight.columns), "rigid", dict(flight.vehicle), method=method, hold="previous")
+    vehicle = {**flight.vehicle, "derivatives": dict(flight.start)}
+    frame = pd.DataFrame(flight.columns)
+    found = flightid.identify(frame, "rigid", vehicle, method=method, hold="previous")
     return [each for each in found.warnings if "too small" in each]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.identification.assessment.sigmas import SHORT_IN_GUSTS
+from scenarios.identification.sigma_cautions import SHORT_IN_GUSTS
 from scenarios.trials.coverage import estimators
 from scenarios.trials.coverage.estimators import (
     BEGIN,
