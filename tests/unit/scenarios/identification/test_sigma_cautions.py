@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 import flightid
-from scenarios.identification.sigma_cautions import SHORT_IN_GUSTS
+from scenarios.identification.sigma_cautions import FILTER_ERROR, SHORT_IN_GUSTS
 from scenarios.trials.coverage.independent_flights import flown
 
 
@@ -30,6 +30,14 @@ def test_gusts_are_cautioned_with_their_factor(method: str, noise: str) -> None:
 @pytest.mark.parametrize("noise", ["white", "ar1"])
 def test_noise_of_each_sensor_by_itself_is_not(method: str, noise: str) -> None:
     assert [said for run in range(4) for said in cautions(method, noise, run)] == []
+
+
+def test_filter_error_is_cautioned_where_it_finds_gusts() -> None:
+    (said,) = cautions("filter-error", "markov-gusts")
+    factor, held = FILTER_ERROR
+    assert f"sigmas of filter-error are up to {factor:g} times too small" in said
+    assert f"{100 * held:.0f} %" in said
+    assert cautions("filter-error", "white") == []
 
 
 def test_methods_that_hold_in_gusts_are_not_cautioned() -> None:
