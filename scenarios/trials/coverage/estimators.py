@@ -61,11 +61,11 @@ def run_of(cell: Cell, run: int) -> dict[str, Any]:
             found = identify_files(request, estimator).found
         except FlightidError as error:
             return {**row, "outcome": "refused", "message": str(error)[:200], "errors": {}}
-    estimate, errors = found.estimate, {}
+    estimate = found.estimate
+    errors: dict[str, float] = {}
     for name, value in flight.true.items():
         if name in estimate.names and estimate.sigma(name) > 0.0:
-            error = (estimate.value(name) - value) / estimate.sigma(name)
-            errors[name] = round(error, 4)
+            errors[name] = round((estimate.value(name) - value) / estimate.sigma(name), 4)
     cautioned = any("too small" in each for each in found.cautions)
     return {**row, "outcome": estimate.outcome.code, "cautioned": cautioned, "errors": errors}
 
