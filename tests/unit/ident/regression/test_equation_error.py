@@ -180,8 +180,10 @@ def _errors(settings_of: RegressionSettings, runs: int) -> np.ndarray:
     found = []
     for run in range(runs):
         flight = flown("rigid", "white", run)
-        columns = [(*header.removesuffix("]").split(" ["), values) for header, values in flight.columns.items()]
-        channels = {name: Channel.of(name, unit, values) for name, unit, values in columns}
+        channels = {}
+        for header, values in flight.columns.items():
+            name, unit = header.removesuffix("]").split(" [")
+            channels[name] = Channel.of(name, unit, values)
         record = Record(
             channels.pop("time").values,
             (channels.pop("elevator"),),
