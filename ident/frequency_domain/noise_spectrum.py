@@ -57,7 +57,7 @@ def coloured(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], bands
 
 
 def about_each(power: np.ndarray) -> np.ndarray:
-    """Means of the power ``(m, f)`` over the neighbours of each frequency."""
+    """Means of the powers, or cross powers, ``(k, f)`` over the neighbours of each frequency."""
     width = min(2 * REACH + 1, power.shape[1])
     kernel = np.ones(width)
     count = np.convolve(np.ones(power.shape[1]), kernel, mode="same")

@@ -78,13 +78,14 @@ def frequency_fit(
 
 
 def _as_if_left_out(fit: FrequencyFit, r: int, inverse: np.ndarray) -> np.ndarray:
-    """Power ``(m, f)`` of a record's residuals, each as if it had had no part in the fit, which follows the strongest frequencies closely.
+    """Residuals ``(m, f)`` of a record, each as if it had had no part in the fit, which follows the strongest frequencies closely.
 
-    Its square over one less its leverage (MacKinnon and White, J. Econometrics 29, 1985: HC2); the leverage is the mean over both parts.
+    Their squares are those over one less their leverage (MacKinnon and White, J. Econometrics 29, 1985: HC2); the leverage is the mean
+    over both parts.
     """
     slope = fit.slopes[r]
     leverage = sum(np.einsum("mfc,cd,mfd->mf", part, inverse, part) for part in (slope.real, slope.imag)) * 0.5 * fit.weight(r)
-    return np.asarray(np.abs(fit.residuals[r]) ** 2 / np.maximum(1.0 - leverage, _LEAST_LEFT))
+    return np.asarray(fit.residuals[r] / np.sqrt(np.maximum(1.0 - leverage, _LEAST_LEFT)))
 
 
 def band_for(records: Sequence[Record], system: System) -> tuple[float, float]:
@@ -99,7 +100,8 @@ def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]
     """Covariance of all unknowns and whether all are determined; larger by what the unknowns took from the noise levels.
 
     With ``colour`` the scatter of the gradient is formed with the residuals' power about each frequency (Morelli and Klein 1997 in the
-    frequency domain); no sigma is below that of level noise.
+    frequency domain), and with what the residuals of two outputs have in common there: gusts move all outputs. No sigma is below that of
+    level noise.
     """
     information, _ = fit.normal_equations
     whole, determined = inverse_information(information, fit.theta)
@@ -111,10 +113,12 @@ def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]
     middle = np.zeros_like(inverse)
     for r, slope in enumerate(fit.slopes):
         at = fit.problem.columns(r)
-        scatter = 0.5 * about_each(_as_if_left_out(fit, r, inverse[np.ix_(at, at)])) * fit.weight(r) ** 2
-        parts = [np.sqrt(scatter)[:, :, None] * part for part in (slope.real, slope.imag)]
-        rows = np.concatenate(parts, axis=1).reshape(-1, slope.shape[2])
-        middle[np.ix_(at, at)] += rows.T @ rows
+        weighted = fit.weight(r)[:, :, None] * slope
+        residual = _as_if_left_out(fit, r, inverse[np.ix_(at, at)])
+        m = len(residual)
+        shared = about_each((residual[:, None] * np.conj(residual[None])).reshape(m * m, -1)).reshape(m, m, -1)
+        # An output was measured with others, or it was not: where not, its weight is zero.
+        middle[np.ix_(at, at)] += 0.5 * np.einsum("ifc,ijf,jfd->cd", np.conj(weighted), shared, weighted, optimize=True).real
     corrected = inverse @ middle @ inverse
     white, own = np.diag(level), np.diag(corrected)
     factor = np.sqrt(np.maximum(np.divide(white, np.maximum(own, 1e-12 * white), out=np.ones_like(own), where=white > 0.0), 1.0))

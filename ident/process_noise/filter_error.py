@@ -16,6 +16,7 @@ from ident.process_noise.best_start import absurd_sigmas, degenerate, fit_from_b
 from ident.process_noise.filter_error_fit import COARSE, fit_with_process_noise, noise_start
 from ident.process_noise.innovations_model import SCALE, ProcessNoise, filters_of, has_process_noise, process_noise
 from ident.process_noise.restricted_likelihood import restricted_levels
+from ident.statistics.coloured_covariance import student_factor
 from ident.statistics.residuals import ljung_box
 from ident.whole_record.best_start import in_pieces, put_together, quiet, said_of_pieces, started_at, started_unstable
 from ident.whole_record.fit_problem import FitProblem
@@ -120,12 +121,14 @@ def noise_levels(fit: Fit) -> dict[str, float]:
 def filter_error_estimate(fit: Fit) -> Estimate:
     """The shared parameters of a fit with process noise, and the scale of declared process noise, as an Estimate.
 
-    Noise levels, turbulence's parameters among them, are those of the adjusted likelihood: see `ident.process_noise.restricted_likelihood`.
+    Noise levels, turbulence's parameters among them, are those of the adjusted likelihood, and sigmas count that these are estimates
+    (Student's quantile): see `ident.process_noise.restricted_likelihood`.
     """
     layout, system, noise_model = fit.layout, fit.layout.system, fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     covariance, determined = fit_covariance(fit)
-    theta, factor = restricted_levels(fit, covariance)
+    levels, own = restricted_levels(fit, covariance), np.diag(covariance)
+    theta, factor = levels.theta, levels.factor * student_factor(own, levels.spread * own**2)
     covariance = covariance * np.outer(factor, factor)
     scaled = noise_model.scaled
     absurd = degenerate(fit) or bool(absurd_sigmas(fit, np.sqrt(np.diag(covariance))[: len(layout.shared)]))

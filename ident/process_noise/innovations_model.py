@@ -7,13 +7,13 @@ are estimated together by Fisher scoring.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.process_noise.discretised import Variation, discretised_noise
-from ident.process_noise.likelihood_slopes import likelihood_slopes
+from ident.process_noise.likelihood_slopes import LikelihoodSlopes, likelihood_slopes
 from ident.process_noise.noise_slopes import noise_slopes, slope_pairs
 from ident.process_noise.whitener import Filtered, Whitener, filtered, whitener
 from ident.whole_record.gauss_newton import Fit
@@ -91,12 +91,35 @@ class ProcessNoise:
         self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Terms through the filter's dependence on parameters and noise levels."""
+        n = len(theta)
+        gradient, information = np.zeros(n), np.zeros((n, n))
+        for moving, part in self._slopes(layout, theta, lines, weighted):
+            gradient[moving] += part.gradient
+            information[np.ix_(moving, moving)] += part.information
+        return gradient, information
+
+    def sample_scores(self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals) -> list[np.ndarray]:
+        """What each node of each record adds to the gradient of the log likelihood, ``(K + 1, n)`` a record, no prior counted."""
+        out = []
+        for r, (filter, jacobian) in enumerate(zip(filters_of(weighted), weighted.jacobians, strict=True)):
+            scores = np.zeros((len(filter.problem.grid.nodes), len(theta)))
+            own = np.einsum("mnc,mn->nc", jacobian, weighted.residuals[r])
+            at = filter.problem.grid.sample // filter.problem.grid.substeps
+            scores[at[:, None], layout.columns(r)] = own
+            out.append(scores)
+        for r, (moving, part) in enumerate(self._slopes(layout, theta, lines, weighted)):
+            out[r][:, moving] += part.scores
+        return out
+
+    def _slopes(
+        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
+    ) -> Iterator[tuple[np.ndarray, LikelihoodSlopes]]:
+        """Of each record the positions of what moves its filter, and how the likelihood moves with it."""
         std, scale = self.levels(theta)
         n, estimated = len(theta), list(self.estimated)
         own = np.arange(n - len(self.names), n)
         by_variance = np.zeros((len(estimated), len(std)))
         by_variance[np.arange(len(estimated)), estimated] = 2.0 * std[estimated]
-        gradient, information = np.zeros(n), np.zeros((n, n))
         acting = [q for q, index in enumerate(layout.order) if not layout.system.parameters.items[index].name.startswith("bias_")]
         for r, (problem, line, filter) in enumerate(zip(layout.problems, lines, filters_of(weighted), strict=True)):
             at = Variation(layout.split(theta, r)[0], scale)
@@ -105,10 +128,10 @@ class ProcessNoise:
             mine = layout.columns(r)
             moving = np.array([*(mine[acting[i]] if i < len(acting) else n - 1 for i in slopes.of), *own[: len(estimated)]], dtype=int)
             if moving.size:
-                part = likelihood_slopes(filter.whitener, filter.residual, slopes, by_variance)
-                gradient[moving] += part.gradient
-                information[np.ix_(moving, moving)] += part.information
-        return gradient, information
+                yield moving, likelihood_slopes(filter.whitener, filter.residual, slopes, by_variance)
+            else:
+                nodes = len(problem.grid.nodes)
+                yield moving, LikelihoodSlopes(np.zeros(0), np.zeros((0, 0)), np.zeros((nodes, 0)))
 
     def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """At most a factor on what sets the noise: far from the optimum the likelihood is anything but quadratic in it."""

@@ -20,11 +20,13 @@ _AT_ONCE = 800_000  # numbers of a covariance's slopes that are worked out toget
 class LikelihoodSlopes:
     """What the dependence of the filter on D quantities adds to a fit.
 
-    ``gradient (D,)`` and expected ``information (D, D)`` of the log likelihood through gains and innovation covariances.
+    ``gradient (D,)`` and expected ``information (D, D)`` of the log likelihood through gains and innovation covariances;
+    ``scores (K + 1, D)`` are what each node adds to the gradient.
     """
 
     gradient: np.ndarray
     information: np.ndarray
+    scores: np.ndarray
 
 
 def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray) -> LikelihoodSlopes:
@@ -40,12 +42,16 @@ def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: NoiseSlopes,
     e, m = residual.standard, filter.valid.shape[1]
     counts = np.bincount(filter.at, minlength=T).astype(float)[:, None, None]
     information = 0.5 * (flat * np.broadcast_to(counts, (T, m, m)).reshape(-1)) @ flat.T
-    spread = np.add.reduceat(e[:, :, None] * e[:, None, :], np.arange(T))
-    gradient = 0.5 * flat @ (spread - counts * np.eye(m)).reshape(-1)
+    beyond = e[:, :, None] * e[:, None, :] - np.where(filter.valid[:, :, None], np.eye(m), 0.0)
+    by_node = flat.reshape(len(flat), T, m * m)
+    scores = np.empty((len(e), D))
+    scores[:T] = 0.5 * np.einsum("dtm,tm->td", by_node, beyond[:T].reshape(T, m * m))
+    scores[T:] = 0.5 * beyond[T:].reshape(len(e) - T, m * m) @ by_node[:, -1].T
     if n == 0:
-        return LikelihoodSlopes(gradient, information)
+        return LikelihoodSlopes(scores.sum(axis=0), information, scores)
     columns = np.concatenate([moved for _, moved in parts], axis=1)
-    return LikelihoodSlopes(gradient + columns.T @ e.reshape(-1), information + columns.T @ columns)
+    scores += np.einsum("kmd,km->kd", columns.reshape(len(e), m, D), e)
+    return LikelihoodSlopes(scores.sum(axis=0), information + columns.T @ columns, scores)
 
 
 def _slopes_of_some(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:

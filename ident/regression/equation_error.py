@@ -1,33 +1,43 @@
-"""Equation error: regression of measured rates on the equations of motion. A starter and a reference, no more.
-
-The equations need no integration, so any start will do, and an unstable aircraft is as easy as a stable one. But the
-states in the regressors carry measurement noise, which biases the estimate (mostly towards zero), and no sigma
-shows that: on rigid aircraft at usual noise up to one sigma, where sigma is itself two to three times that of an
-output-error fit, which removes the bias when it goes on from here. Klein and Morelli, Aircraft System Identification, ch. 5.
+"""Equation error: regression of measured rates on the equations of motion, by least squares or with instrumental variables.
 
 Rates are slopes of local straight lines. A slope over a window is a weighted mean of the rate over that window,
 sum_j w_j x_j = sum_j K_j (x_{j+1} - x_j), K_j = -sum_{i<=j} w_i, so the right-hand side is averaged with the same K:
 a jump of the input inside a window then does no harm, and no frequency is lost on one side only.
+
+Least squares needs no integration, so any start will do, and an unstable aircraft is as easy as a stable one (Klein and Morelli,
+Aircraft System Identification, ch. 5). But the states in its regressors carry noise, and smoothing rounds them off: both bias the estimate,
+by up to several sigmas. With instrumental variables (Young, Recursive Estimation and Time-Series Analysis, 2nd ed., ch. 8; Soderstrom and
+Stoica, Instrumental Variable Methods for System Identification, 1983) the regressors are the measured states as they are, and what they are
+multiplied with are those of a simulation at the last estimate: it follows the inputs, not the noise, so no bias is left.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
+from ident.regression.local_polynomial import windows
 from ident.regression.state_histories import StateData, state_data
-from ident.statistics.coloured_covariance import corrected_covariance
-from ident.statistics.information import conditional_scale, determined_and_open, inverse_information
+from ident.statistics.coloured_covariance import corrected_covariance, sandwich
+from ident.statistics.information import UNDETERMINED, conditional_scale, determined_and_open, inverse_information
 from ident.statistics.normal_equations import add_normal_equations, unresolved
+from ident.statistics.residual_spectrum import RecordScores
 from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.maths.elementary import COMPLEX_STEP
 from sim.propagation.grid import drive_from_record, make_grid
-from sim.record import Record
+from sim.propagation.integrate import propagate
+from sim.record import Channel, Record
+
+SIMULATED_STEP = 0.02  # s, of the simulation that gives instruments
+RUNAWAY = 3.0  # scatters of a state by which its simulation may leave the record and still serve
+SIMULATIONS = 2  # at least squares and at the first estimate without its bias: a better instrument is no better estimate
+NARROWER = (1.0, 0.5, 0.25, 0.125)  # shares of a slope's window that are tried with instruments
+PAIRS = 6  # of added noise and its negative, from which the bias of least squares is found
 
 
 @dataclass(frozen=True)
@@ -39,11 +49,14 @@ class RegressionSettings:
     iterations : limit of Gauss-Newton steps; equations linear in the parameters take three (weights settle).
     tolerance : settled when a step moves no parameter by more than this share of its sigma.
     coloured : correct the covariance for residuals that are not white; they never are, windows overlap.
+    instruments : go on from least squares with instrumental variables. Where no simulation stays with a record (an unstable aircraft)
+        least squares stay, less their bias by noise as far as added noise shows it, and sigmas are larger by that bias.
     """
 
     iterations: int = 30
     tolerance: float = 1e-3
     coloured: bool = True
+    instruments: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,13 +105,31 @@ def run_equation_error(records: Sequence[Record], system: System, settings: Regr
     """
     settings = settings or RegressionSettings()
     layout = _layout(records, system)
-    parameters, count = system.parameters, len(layout.records)
-    items = [parameters[name] for name in layout.shared] + [parameters[name] for name in layout.local] * count
-    theta = np.array([item.value for item in items])
-    low, high = np.array([item.bounds[0] for item in items]), np.array([item.bounds[1] for item in items])
-    parts = _evaluate(layout, theta)
+    theta, parts, outcome, done = _least_squares(layout, settings)
     if parts is None:
         return _unfinished(layout, theta)
+    if not settings.instruments:
+        return _finished(layout, theta, parts, outcome, done, settings)
+    return _with_instruments(layout, theta, parts, outcome, done, settings)
+
+
+def _bounds(layout: _Layout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Start, lowest and highest values of all unknowns."""
+    parameters, count = layout.system.parameters, len(layout.records)
+    items = [parameters[name] for name in layout.shared] + [parameters[name] for name in layout.local] * count
+    low, high = np.array([item.bounds[0] for item in items]), np.array([item.bounds[1] for item in items])
+    return np.array([item.value for item in items]), low, high
+
+
+def _least_squares(
+    layout: _Layout, settings: RegressionSettings, start: np.ndarray | None = None
+) -> tuple[np.ndarray, list[_Equations] | None, Outcome, int]:
+    """Unknowns, their residuals (None where the start has no finite ones), the outcome and the number of steps."""
+    declared, low, high = _bounds(layout)
+    theta = declared if start is None else start
+    parts = _evaluate(layout, theta)
+    if parts is None:
+        return theta, None, Outcome.DIVERGED, 0
     outcome, done = Outcome.MAX_ITERATIONS, 0
     while done < settings.iterations:
         done += 1
@@ -115,7 +146,7 @@ def run_equation_error(records: Sequence[Record], system: System, settings: Regr
             break
         if share == 0.0:
             break
-    return _finished(layout, theta, parts, outcome, done, settings)
+    return theta, parts, outcome, done
 
 
 def _layout(records: Sequence[Record], system: System) -> _Layout:
@@ -131,26 +162,27 @@ def _layout(records: Sequence[Record], system: System) -> _Layout:
     return _Layout(system, shared, local, tuple(records), tuple(state_data(record, system) for record in records), order)
 
 
-def _evaluate(layout: _Layout, theta: np.ndarray) -> list[_Equations] | None:
+def _evaluate(layout: _Layout, theta: np.ndarray, histories: Sequence[Sequence[np.ndarray]] | None = None) -> list[_Equations] | None:
+    """Residuals of all records; ``histories`` in place of the smoothed states, the biases of their sensors taken off already."""
     with np.errstate(all="ignore"):
-        parts = [_equations(layout, r, theta[layout.columns(r)]) for r in range(len(layout.records))]
+        parts = [_equations(layout, r, theta[layout.columns(r)], None if histories is None else histories[r]) for r in range(len(layout.records))]
     sound = all(np.all(np.abs(part.residual) < LARGEST) and np.all(np.abs(part.jacobian) < LARGEST) for part in parts)
     return parts if sound else None
 
 
-def _equations(layout: _Layout, r: int, mine: np.ndarray) -> _Equations:
+def _equations(layout: _Layout, r: int, mine: np.ndarray, history: Sequence[np.ndarray] | None = None) -> _Equations:
     """Residuals of record ``r`` and their derivatives by complex step, a column an unknown."""
     system, record, data, c = layout.system, layout.records[r], layout.data[r], len(mine)
     p: list[Any] = list(system.parameters.values())
     for column, index in enumerate(layout.order):
         p[index] = mine[column] + 1j * COMPLEX_STEP * (np.arange(c) == column)
     time = record.time
-    grid = make_grid(time, float(np.diff(time).max()))
-    drive = drive_from_record(system, p, record.input_array(system.input_names), time, record.hold, grid)
-    # The grid has further nodes where samples are far apart; the equations are taken from sample to sample.
-    u_begin = [_deep(np.asarray(row)[grid.sample]) for row in drive.begin]
-    u_end = [_deep(np.asarray(row)[grid.sample[1:] - 1]) for row in drive.end]
-    x = [_deep(state.smooth) - (0.0 if state.bias is None else p[state.bias]) for state in data]
+    u_begin, u_end = ([_deep(row) for row in stage] for stage in _inputs(record, system, p))
+    x: list[Any]
+    if history is None:
+        x = [_deep(state.smooth) - (0.0 if state.bias is None else p[state.bias]) for state in data]
+    else:
+        x = [_deep(row) - (0.0 if state.bias is None else 1j * np.imag(p[state.bias])) for row, state in zip(history, data, strict=True)]
     n = len(time)
     before = system.f(time[:-1, None], [row[:-1] for row in x], [row[:-1] for row in u_begin], p)
     after = system.f(time[1:, None], [row[1:] for row in x], u_end, p)
@@ -161,12 +193,12 @@ def _equations(layout: _Layout, r: int, mine: np.ndarray) -> _Equations:
     residual, valid, right = [], [], []
     for state, increments in zip(data, gained, strict=True):
         if not state.defines:
-            windows = state.slopes
-            left = np.sum(windows.slope * windows.gather(state.raw), axis=1)
-            mean = _averaged(windows.slope, windows.first, increments)
+            fit = state.slopes
+            left = np.sum(fit.slope * fit.gather(state.raw), axis=1)
+            mean = _averaged(fit.slope, fit.first, increments)
             residual.append(left - mean.real[:, 0])
             right.append(mean.imag / COMPLEX_STEP)
-            valid.append(windows.usable)
+            valid.append(fit.usable)
     for i, name in enumerate(system.output_names):
         if name not in system.state_names:
             residual.append(z[i] - y[i].real[:, 0])
@@ -175,6 +207,14 @@ def _equations(layout: _Layout, r: int, mine: np.ndarray) -> _Equations:
     fitted = np.array([row.real[:, 0] for row in y])
     mask = np.array(valid)
     return _Equations(np.where(mask, np.array(residual), 0.0), mask, np.where(mask[:, :, None], np.array(right), 0.0), fitted)
+
+
+def _inputs(record: Record, system: System, p: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+    """Inputs at the vehicle just after each sample ``(N, ...)``, and just before the next ``(N - 1, ...)``."""
+    grid = make_grid(record.time, float(np.diff(record.time).max()))
+    drive = drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
+    # A gap has nodes of its own between the samples.
+    return [row[grid.sample] for row in drive.begin], [row[grid.sample[1:] - 1] for row in drive.end]
 
 
 def _averaged(slope: np.ndarray, first: np.ndarray, increments: np.ndarray) -> np.ndarray:
@@ -247,6 +287,182 @@ def _finished(layout: _Layout, theta: np.ndarray, parts: list[_Equations], outco
         tuple(part.fitted for part in parts),
         iterations=done,
     )
+
+
+def _with_instruments(
+    layout: _Layout, theta: np.ndarray, parts: list[_Equations], outcome: Outcome, done: int, settings: RegressionSettings
+) -> Estimate:
+    """The estimate with instrumental variables, or the corrected one of least squares where a simulation does not stay with the records."""
+    squares = _finished(layout, theta, parts, outcome, done, replace(settings, coloured=False))
+    settled = squares.outcome is Outcome.CONVERGED
+    found = _instrumental(layout, theta, settings) if settled else None
+    if found is None:
+        squares = _finished(layout, theta, parts, outcome, done, settings)
+        return _less_bias(layout, theta, squares, settings) if settled else squares
+    theta, covariance, outcome, more = found
+    at_end = _evaluate(layout, theta)
+    if at_end is None:
+        return squares
+    n = len(layout.shared)
+    return replace(
+        squares,
+        values=theta[:n].copy(),
+        covariance=covariance[:n, :n],
+        outcome=outcome,
+        noise_std=_noise_std(layout, at_end),
+        fitted=tuple(part.fitted for part in at_end),
+        iterations=done + more,
+    )
+
+
+def _instrumental(layout: _Layout, theta: np.ndarray, settings: RegressionSettings) -> tuple[np.ndarray, np.ndarray, Outcome, int] | None:
+    """Unknowns, their covariance, outcome and steps with instrumental variables; None where no simulation gives any."""
+    _, low, high = _bounds(layout)
+    simulated = _simulated(layout, theta)
+    if simulated is None:
+        return None
+    layout = _sharpest(layout, theta, simulated, settings)
+    outcome, done = Outcome.MAX_ITERATIONS, 0
+    while True:
+        done += 1
+        again = _simulated(layout, theta) if 1 < done <= SIMULATIONS else simulated
+        posed = None if again is None else _posed(layout, theta, again)
+        if again is None or posed is None:
+            return None
+        simulated = again
+        step = np.clip(theta + posed.inverse @ posed.gradient, low, high) - theta
+        if np.max(np.abs(step) / posed.size) < settings.tolerance:
+            outcome = Outcome.CONVERGED
+        if outcome is Outcome.CONVERGED or done >= settings.iterations:
+            return theta, sandwich(posed.inverse, posed.scores, coloured=settings.coloured), outcome, done
+        theta = theta + step
+
+
+@dataclass(frozen=True, eq=False)
+class _Posed:
+    """``inverse @ gradient`` is the step of all unknowns, ``size`` their sigmas with the others known, ``scores`` what each record adds."""
+
+    inverse: np.ndarray
+    gradient: np.ndarray
+    size: np.ndarray
+    scores: list[RecordScores]
+
+
+def _posed(layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]]) -> _Posed | None:
+    """The equations of instrumental variables at ``theta``; None where they are not finite or not regular."""
+    measured = _evaluate(layout, theta, [_measured(layout, r, theta) for r in range(len(layout.records))])
+    instruments = _evaluate(layout, theta, simulated)
+    if measured is None or instruments is None:
+        return None
+    variance, _ = _variances(measured)
+    cross, gradient, scores = np.zeros((len(theta), len(theta))), np.zeros(len(theta)), []
+    for r, (seen, by) in enumerate(zip(measured, instruments, strict=True)):
+        at, weights = layout.columns(r), by.jacobian / variance[:, None, None]
+        flat = weights.reshape(-1, len(at))
+        cross[np.ix_(at, at)] += flat.T @ seen.jacobian.reshape(-1, len(at))
+        gradient[at] += flat.T @ seen.residual.ravel()
+        scores.append(RecordScores(at, weights, seen.jacobian, seen.residual, seen.valid))
+    size = conditional_scale(np.abs(cross), theta)
+    scaled = cross * np.outer(size, size)
+    if not np.all(np.isfinite(scaled)) or np.linalg.cond(scaled) > 1.0 / UNDETERMINED:
+        return None
+    return _Posed(np.linalg.inv(scaled) * np.outer(size, size), gradient, size, scores)
+
+
+def _sharpest(layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]], settings: RegressionSettings) -> _Layout:
+    """The layout with slopes over those windows, of several widths, with which the covariance of the shared parameters is least.
+
+    Wide windows leave little noise in a slope, but noise that is much alike from sample to sample; other equations then count too little.
+    """
+    n, best, least = len(layout.shared), layout, np.inf
+    for share in NARROWER:
+        data = tuple(
+            [state if state.defines else _narrower(record, state, share) for state in each]
+            for record, each in zip(layout.records, layout.data, strict=True)
+        )
+        trial = replace(layout, data=data)
+        posed = _posed(trial, theta, simulated)
+        if posed is None:
+            continue
+        covariance = sandwich(posed.inverse, posed.scores, coloured=settings.coloured)[:n, :n]
+        scale = posed.size[:n]
+        sign, log = np.linalg.slogdet(covariance / np.outer(scale, scale))
+        log += 2.0 * float(np.log(scale).sum())
+        if sign > 0 and log < least:
+            best, least = trial, log
+    return best
+
+
+def _narrower(record: Record, state: StateData, share: float) -> StateData:
+    """The state with its slopes over windows of a ``share`` of the half width, of two samples at least."""
+    half = (state.slopes.value.shape[1] - 1) // 2
+    width = max(2, round(share * half))
+    return state if share == 1.0 or width >= half else replace(state, slopes=windows(record.time, state.valid, width, 1))
+
+
+def _measured(layout: _Layout, r: int, theta: np.ndarray) -> list[np.ndarray]:
+    """States of record ``r`` as measured, smoothed ones where a sample is missing, the biases of their sensors taken off."""
+    p = _parameters(layout, r, theta)
+    out = []
+    for state in layout.data[r]:
+        bias = 0.0 if state.bias is None else p[state.bias]
+        out.append(np.where(state.valid, state.raw, state.smooth) - bias)
+    return out
+
+
+def _parameters(layout: _Layout, r: int, theta: np.ndarray) -> np.ndarray:
+    p = layout.system.parameters.values()
+    p[layout.order] = theta[layout.columns(r)]
+    return p
+
+
+def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | None:
+    """States of all records simulated from their first smoothed ones; None where one leaves its record by ``RUNAWAY`` of its scatter."""
+    out = []
+    for r, (record, data) in enumerate(zip(layout.records, layout.data, strict=True)):
+        p = _parameters(layout, r, theta)
+        grid = make_grid(record.time, min(SIMULATED_STEP, float(np.diff(record.time).max())))
+        drive = drive_from_record(layout.system, p, record.input_array(layout.system.input_names), record.time, record.hold, grid)
+        measured = [state.smooth - (0.0 if state.bias is None else p[state.bias]) for state in data]
+        states = [row[grid.sample] for row in propagate(layout.system, p.tolist(), [float(row[0]) for row in measured], drive, grid)]
+        for here, there in zip(states, measured, strict=True):
+            if not np.all(np.isfinite(here)) or np.std(here - there) > RUNAWAY * np.std(there):
+                return None
+        out.append(states)
+    return out
+
+
+def _less_bias(layout: _Layout, theta: np.ndarray, squares: Estimate, settings: RegressionSettings) -> Estimate:
+    """Least squares less the bias by noise in the regressors, which is added to the sigmas.
+
+    Noise of the size that is there already moves the estimate by as much again; of noise and its negative the mean of the moves is the
+    bias alone (SIMEX: Cook and Stefanski, J. American Statistical Association 89, 1994, with antithetic pairs).
+    """
+    rng, n = np.random.default_rng(0), len(layout.shared)
+    moves = []
+    for _ in range(PAIRS):
+        noise = [squares.noise_std[:, None] * rng.standard_normal((len(squares.noise_std), len(record))) for record in layout.records]
+        both = []
+        for sign in (1.0, -1.0):
+            noisy = tuple(_noisier(record, squares.output_names, sign * each) for record, each in zip(layout.records, noise, strict=True))
+            again = replace(layout, records=noisy, data=tuple(state_data(record, layout.system) for record in noisy))
+            found, parts, outcome, _ = _least_squares(again, settings, theta)
+            if parts is None or outcome is not Outcome.CONVERGED:
+                return squares
+            both.append(found[:n])
+        moves.append(0.5 * (both[0] + both[1]) - theta[:n])
+    bias = np.mean(moves, axis=0)
+    uncertain = np.cov(np.array(moves).T).reshape(n, n) / PAIRS
+    return replace(squares, values=squares.values - bias, covariance=squares.covariance + np.outer(bias, bias) + uncertain)
+
+
+def _noisier(record: Record, names: Sequence[str], noise: np.ndarray) -> Record:
+    """The record with ``noise`` added to the outputs of these names."""
+    channels = []
+    for channel in record.outputs:
+        more = noise[names.index(channel.name)] if channel.name in names else 0.0
+        channels.append(Channel.of(channel.name, channel.unit, np.where(channel.valid, channel.values + more, np.nan)))
+    return replace(record, outputs=tuple(channels))
 
 
 def _noise_std(layout: _Layout, parts: list[_Equations]) -> np.ndarray:

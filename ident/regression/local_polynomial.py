@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+_EVEN = 1e-9  # of an interval, by which intervals of even sampling may differ
 HALF_WIDTHS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
 
 
@@ -40,6 +41,13 @@ def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -
     n = len(time)
     width = min(2 * half_width + 1, n)
     first = np.clip(np.arange(n) - half_width, 0, n - width)
+    gaps = np.diff(time)
+    if n > 2 * width and np.all(valid) and np.ptp(gaps) < _EVEN * gaps[0]:
+        # All windows are alike but for the row that they are read at.
+        few = windows(time[: 2 * width], valid[: 2 * width], half_width, degree)
+        place = np.arange(n) - first
+        like = np.where(place <= half_width, place, place + width)
+        return Windows(first, few.value[like], few.slope[like], few.usable[like])
     rows = first[:, None] + np.arange(width)
     there = valid[rows]
     offset = time[rows] - time[:, None]

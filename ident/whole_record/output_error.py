@@ -14,6 +14,7 @@ import numpy as np
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.statistics.coloured_covariance import corrected_covariance
 from ident.statistics.information import determined_and_open, inverse_information
+from ident.statistics.normal_equations import add_normal_equations
 from ident.whole_record.best_start import fit_from_best_start, in_pieces, put_together, quiet, said_of_pieces, started_unstable
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
@@ -94,10 +95,17 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
         return inverse, determined
     layout = fit.layout
     parts = [(layout.columns(r), fit.jacobians[r], fit.residuals[r], problem.valid) for r, problem in enumerate(layout.problems)]
+    known = prior_information(fit)
+    if fit.noise_model.names:
+        # What innovation covariances say of the unknowns, and the prior: no colour of the residuals changes that.
+        known = np.array(normal)
+        for r, problem in enumerate(layout.problems):
+            weight = np.where(problem.valid, -1.0 / fit.variance[:, None], 0.0)
+            add_normal_equations(known, np.zeros(len(known)), layout.columns(r), fit.jacobians[r], fit.residuals[r], weight)
     if determined:
-        return corrected_covariance(inverse, parts, fit.variance, prior_information(fit)), True
-    known, unknown = determined_and_open(normal, fit.theta)
-    return corrected_covariance(known, parts, fit.variance, prior_information(fit)) + unknown, False
+        return corrected_covariance(inverse, parts, fit.variance, known), True
+    resolved, unknown = determined_and_open(normal, fit.theta)
+    return corrected_covariance(resolved, parts, fit.variance, known) + unknown, False
 
 
 def prior_information(fit: Fit) -> np.ndarray | None:

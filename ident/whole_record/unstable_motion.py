@@ -93,24 +93,30 @@ def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
     if not fit.layout.settings.coloured:
         return inverse, determined
     sigma = np.sqrt(fit.variance)[:, None, None]
-    parts = [
-        (np.arange(n), sigma * jacobian, residual, problem.valid)
-        for jacobian, residual, problem in zip(left.jacobians, fit.residuals, fit.layout.problems, strict=True)
-    ]
-    return corrected_covariance(inverse, parts, fit.variance), determined
+    parts, count = [], n
+    for jacobian, own, residual, problem in zip(left.jacobians, left.own, fit.residuals, fit.layout.problems, strict=True):
+        # What a record's own unknowns follow of the noise is missing from its residuals too.
+        both = np.concatenate([jacobian, own[: residual.size].reshape(*residual.shape, -1)], axis=2)
+        at = np.concatenate([np.arange(n), count + np.arange(own.shape[1])])
+        parts.append((at, sigma * both, residual, problem.valid))
+        count += own.shape[1]
+    whole = np.eye(count)
+    whole[:n, :n] = inverse
+    return corrected_covariance(whole, parts, fit.variance)[:n, :n], determined
 
 
 @dataclass(frozen=True, eq=False)
 class _Projected:
     """Shared sensitivities of each record less what its own unknowns can imitate, in sigmas of the outputs.
 
-    ``jacobians (m, N, s)``; ``information (s, s)`` and ``gradient (s,)``. ``own`` of each record: orthonormal columns ``(mN, o)`` and
+    ``jacobians (m, N, s)``; ``information (s, s)`` and ``gradient (s,)``. ``own`` of each record: orthonormal columns ``(mN, o)``; ``back``:
     what leads back to its unknowns ``(o, mN)``.
     """
 
     jacobians: tuple[np.ndarray, ...]
     information: np.ndarray
     gradient: np.ndarray
+    own: tuple[np.ndarray, ...]
     back: tuple[np.ndarray, ...]
 
     def own_steps(self, fit: Fit, shared: np.ndarray) -> np.ndarray:
@@ -143,7 +149,7 @@ def _weighted(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _projected(fit: Fit) -> _Projected:
     n = len(fit.layout.shared)
-    information, gradient, jacobians, back = np.zeros((n, n)), np.zeros(n), [], []
+    information, gradient, jacobians, own, back = np.zeros((n, n)), np.zeros(n), [], [], []
     prior = fit.layout.prior
     if prior is not None:
         known = np.flatnonzero(prior.positions < n)
@@ -163,8 +169,9 @@ def _projected(fit: Fit) -> _Projected:
         information += rest.T @ rest
         gradient += rest.T @ residual
         jacobians.append(rest[: fit.residuals[r].size].reshape(*fit.residuals[r].shape, n))
+        own.append(basis)
         back.append((right[told].T / values[told] @ basis.T) / size[:, None])
-    return _Projected(tuple(jacobians), information, gradient, tuple(back))
+    return _Projected(tuple(jacobians), information, gradient, tuple(own), tuple(back))
 
 
 def _parts(layout: FitLayout) -> Iterator[FitLayout]:

@@ -26,6 +26,7 @@ from scenarios.identification.frequency import chosen_band, delays_of
 from scenarios.identification.gravity import PATH, weighed, without_theta
 from scenarios.identification.methods import FILTERS, engine_of, estimated_by, forced, refuse_method, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
+from scenarios.identification.sigma_cautions import sigma_cautions
 from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
@@ -89,7 +90,7 @@ def identify(
         _tests(records, estimate),
         tuple(others),
         notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
-        cautions=cautions_of(vehicle, estimate, rows),
+        cautions=(*cautions_of(vehicle, estimate, rows), *sigma_cautions(records, estimate)),
         modes=characteristics(system, flown, SLOW) if airborne else None,
         system=system,
         tied=tied_rows(bounded, estimate),

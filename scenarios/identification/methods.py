@@ -105,10 +105,11 @@ def estimated_by(
     """The system that a method estimates, and what it finds; a filter runs along the first record, begun from a fit of it."""
     system = compile_model(model, outputs)
     if method == "equation-error":
-        from ident.regression.equation_error import run_equation_error
+        from ident.regression.equation_error import RegressionSettings, run_equation_error
         from ident.whole_record.numerical_error import with_sampling_error
 
-        return system, with_sampling_error(run_equation_error(records, system), records, system, settings)
+        found = run_equation_error(records, system, RegressionSettings(instruments=True))
+        return system, with_sampling_error(found, records, system, settings)
     if method == FREQUENCY:
         return system, estimated(records, system, settings, delays_of(model), options.band)
     if method == "filter-error":

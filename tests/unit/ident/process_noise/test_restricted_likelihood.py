@@ -37,7 +37,8 @@ def test_a_mean_takes_its_share_of_the_variance(samples: int) -> None:
     assert k == 3 and fit.problem.names[-1] == "std_place"
     squares = float(np.sum((fit.layout.problems[0].z[0] - fit.lines[0].y[0]) ** 2))
     assert fit.theta[-1] ** 2 == pytest.approx(squares / samples, rel=1e-5)
-    adjusted, factor = restricted_levels(fit, fit_covariance(fit)[0])
+    levels = restricted_levels(fit, fit_covariance(fit)[0])
+    adjusted, factor = levels.theta, levels.factor
     assert adjusted[-1] ** 2 == pytest.approx(squares / (samples - k), rel=(k / samples) ** 2 + 0.02 * k / samples)
     assert adjusted[-1] == pytest.approx(factor[-1] * fit.theta[-1], rel=1e-12)
     np.testing.assert_array_equal(adjusted[:-1], fit.theta[:-1])
@@ -47,7 +48,8 @@ def test_a_mean_takes_its_share_of_the_variance(samples: int) -> None:
 def test_outputs_share_what_the_unknowns_take() -> None:
     """Three outputs: each loses the trace of its own part of the hat matrix (Patterson and Thompson, Biometrika 58(3), 1971)."""
     fit = regression(150, ALL)
-    adjusted, factor = restricted_levels(fit, fit_covariance(fit)[0])
+    levels = restricted_levels(fit, fit_covariance(fit)[0])
+    adjusted, factor = levels.theta, levels.factor
     std, J = fit.theta[-3:], fit.lines[0].jacobian
     normal = sum(J[i].T @ J[i] / std[i] ** 2 for i in range(3))
     taken = np.array([np.trace(np.linalg.solve(normal, J[i].T @ J[i])) / std[i] ** 2 for i in range(3)])
@@ -63,6 +65,16 @@ def test_a_level_at_its_bound_stays() -> None:
     at_bound = FitProblem(fit.layout, replace(fit.noise_model, std=1e3 * fit.theta[-1] * np.ones(3)))
     assert at_bound.low[-1] == pytest.approx(fit.theta[-1], rel=1e-12)
     held = replace(fit, problem=at_bound, theta=np.append(fit.theta[:-1], at_bound.low[-1]))
-    adjusted, factor = restricted_levels(held, fit_covariance(fit)[0])
+    levels = restricted_levels(held, fit_covariance(fit)[0])
+    adjusted, factor = levels.theta, levels.factor
     assert adjusted[-1] == at_bound.low[-1]
     np.testing.assert_array_equal(factor, 1.0)
+
+
+@pytest.mark.parametrize("samples", [60, 150])
+def test_sigmas_know_that_their_noise_level_is_an_estimate(samples: int) -> None:
+    """One output: each variance is proportional to sigma^2, whose logarithm has the variance 2/N; Student's N degrees of freedom follow."""
+    fit = regression(samples, ("place",))
+    spread = restricted_levels(fit, fit_covariance(fit)[0]).spread
+    np.testing.assert_allclose(spread[:-1], 2.0 / samples, rtol=0.05)
+    assert spread[-1] == 0.0

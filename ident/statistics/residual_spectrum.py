@@ -1,0 +1,320 @@
+"""Power spectra of the residuals of a fit, by autoregressions, freed of what the fit has taken out of them.
+
+The residuals of a fit are the noise less what the fitted unknowns have followed of it. Of noise
+with a long memory that is a large part of its power at low frequency, where maneuvers have theirs
+too: autocovariances of residuals are too small, and their taper makes them smaller (Kiefer and
+Vogelsang, Econometric Theory 21(6), 2005). Here the noise is an autoregression, its order by
+Akaike's criterion (Berk, Annals of Statistics 2(3), 1974; den Haan and Levin, NBER technical
+paper 197, 1996): of each output by itself, or of all together, as gusts move them. Its
+autocovariance is moved by the difference between noise and residual that this autoregression
+itself leads to, until both agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+_PASSES = 8  # of the autocovariance towards that of the noise, at most
+_SETTLED = 0.01  # of each variance of the gradient, by which a pass moves it at the end: half a percent of a sigma
+
+
+@dataclass(frozen=True, eq=False)
+class Autoregression:
+    """``w[k] = e[k] + sum A[j] e[k - 1 - j]`` is white with ``covariance (m, m)``, for m outputs ``e``.
+
+    ``coefficients`` A ``(p, m, m)``; ``free (p, m, m)`` True where one was fitted. ``count``:
+    samples of an output.
+    """
+
+    coefficients: np.ndarray
+    free: np.ndarray
+    covariance: np.ndarray
+    count: float
+
+    @property
+    def criterion(self) -> float:
+        """Akaike's; infinite where the covariance is none."""
+        sign, log = np.linalg.slogdet(self.covariance)
+        return float(self.count * log + 2.0 * np.count_nonzero(self.free)) if sign > 0 else np.inf
+
+    def transfer(self, size: int) -> np.ndarray:
+        """``1 + sum A[j] exp(-i w (j + 1))`` at the frequencies of a real transform of ``size``, ``(F, m, m)``."""
+        p, m, _ = self.coefficients.shape
+        padded = np.zeros((p + 1, m, m))
+        padded[0] = np.eye(m)
+        padded[1:] = self.coefficients
+        return np.asarray(np.fft.rfft(padded, size, axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class RecordScores:
+    """What one record adds to the gradient of a fit.
+
+    Attributes
+    ----------
+    at : ``(c,)`` positions of its unknowns. weights : ``(m, N, c)`` such that the gradient is
+    their sum with the residuals.
+    jacobian : ``(m, N, c)`` by which a change of the unknowns changes the fitted outputs.
+    residual, valid : ``(m, N)``; all zero where missing.
+    """
+
+    at: np.ndarray
+    weights: np.ndarray
+    jacobian: np.ndarray
+    residual: np.ndarray
+    valid: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ScoreCovariance:
+    """Covariance ``middle (n, n)`` of the gradient, and the variance ``spread (n,)`` of each diagonal entry of ``inverse middle inverse^T``."""
+
+    middle: np.ndarray
+    spread: np.ndarray
+
+
+def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> ScoreCovariance:
+    """Covariance of the gradient under the noise that the residuals of each record show.
+
+    Parameters
+    ----------
+    inverse : ``(n, n)`` by which a gradient turns into a step of the unknowns.
+    """
+    spectra = [_Record(each) for each in records if np.any(each.residual[each.valid])]
+    n = len(inverse)
+    middle = np.zeros((n, n))
+    for turn in range(_PASSES):
+        before, middle = middle, np.zeros((n, n))
+        for each in spectra:
+            middle[np.ix_(each.scores.at, each.scores.at)] += each.middle()
+        now, earlier = np.diag(middle), np.diag(before)
+        if turn == _PASSES - 1 or np.all(np.abs(now - earlier) <= _SETTLED * now):
+            break
+        covariance = inverse @ middle @ inverse.T
+        for each in spectra:
+            at = np.ix_(each.scores.at, each.scores.at)
+            each.refit(inverse[at], covariance[at])
+    spread = np.zeros(n)
+    for each in spectra:
+        spread += each.spread(inverse[:, each.scores.at])
+    return ScoreCovariance(middle, spread)
+
+
+def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> bool:
+    """Whether one cause moves the residuals of several outputs, as gusts do, and not the noise of each sensor by itself.
+
+    Akaike's criterion of an autoregression of all outputs ``(m, N)`` together, against one of
+    each, in any record.
+    """
+    for residual, known in zip(residuals, valid, strict=True):
+        blank = np.zeros((*residual.shape, 0))
+        scores = RecordScores(np.zeros(0, dtype=int), blank, blank, np.where(known, residual, 0.0), known)
+        if np.any(scores.residual) and _Record(scores).joint:
+            return True
+    return False
+
+
+class _Record:
+    """Transforms of one record's scores, and the autoregression of its outputs as it stands.
+
+    Outputs that were not recorded, or are met exactly, are left out; the others are in units of
+    their own scatter.
+    """
+
+    def __init__(self, scores: RecordScores) -> None:
+        self.scores = scores
+        rows = [i for i in range(len(scores.residual)) if np.any(scores.valid[i]) and np.any(scores.residual[i])]
+        self.count = scores.residual.shape[1]
+        self.size = good_length(2 * self.count)
+        self.valid = scores.valid[rows]
+        self.samples = float(np.count_nonzero(self.valid)) / max(len(rows), 1)
+        self.share = max(float(np.mean(self.valid)) if rows else 1.0, 1e-12)
+        scale = np.sqrt((scores.residual[rows] ** 2).sum(axis=1) / np.maximum(self.valid.sum(axis=1), 1))
+        self.residual = np.where(self.valid, scores.residual[rows] / scale[:, None], 0.0)
+        self.jacobian = np.where(self.valid[:, :, None], scores.jacobian[rows] / scale[:, None, None], 0.0)
+        weights = np.where(self.valid[:, :, None], scores.weights[rows] * scale[:, None, None], 0.0)
+        # (F, m, c)
+        self.weights = np.fft.rfft(weights, self.size, axis=1).transpose(1, 0, 2)
+        self.parseval = np.full(self.size // 2 + 1, 2.0 / self.size)
+        self.parseval[0] *= 0.5
+        self.parseval[-1] *= 0.5 if self.size % 2 == 0 else 1.0
+        most = min(int(10.0 * np.log10(max(self.count, 2))), max(self.count // 10, 1))
+        self.lags = min(most, self.count - 1)
+        self.measured = paired_autocovariance(self.residual, self.valid, self.lags)
+        self._fit(self.measured)
+
+    def _fit(self, autocovariance: np.ndarray) -> None:
+        """The better, by Akaike's criterion, of one autoregression an output and one of all outputs together."""
+        self.autocovariance = autocovariance
+        apart = self._apart(autocovariance)
+        self.model = min(
+            [apart, *joint_autoregressions(autocovariance, self.samples)],
+            key=lambda each: each.criterion,
+        )
+        inverse = np.linalg.inv(self.model.transfer(self.size))
+        self.inverse = inverse
+        self.density = inverse @ self.model.covariance @ np.conj(inverse.transpose(0, 2, 1))
+
+    @property
+    def joint(self) -> bool:
+        """Whether the autoregression is one of all outputs together."""
+        return len(self.residual) > 1 and bool(np.any(self.model.free[:, ~np.eye(len(self.residual), dtype=bool)]))
+
+    def _apart(self, autocovariance: np.ndarray) -> Autoregression:
+        """An autoregression of each output, their white noises correlated at the same sample."""
+        m = len(self.residual)
+        fitted = [autoregression(autocovariance[:, i, i], self.samples) for i in range(m)]
+        order = max((len(a) for a, _ in fitted), default=0)
+        coefficients = np.zeros((order, m, m))
+        free = np.zeros((order, m, m), dtype=bool)
+        white = np.empty_like(self.residual)
+        for i, (a, _) in enumerate(fitted):
+            coefficients[: len(a), i, i], free[: len(a), i, i] = a, True
+            white[i] = np.convolve(self.residual[i], np.append(1.0, a))[: self.count]
+        product = white @ white.T
+        size = np.sqrt(np.maximum(np.diag(product), 1e-300))
+        level = np.sqrt([variance for _, variance in fitted])
+        return Autoregression(
+            coefficients,
+            free,
+            product / np.outer(size, size) * np.outer(level, level),
+            self.samples,
+        )
+
+    def driven(self) -> np.ndarray:
+        """Transforms ``(F, m, c)`` of the covariance between each output's noise and the gradient."""
+        return np.asarray(self.density @ self.weights)
+
+    def middle(self) -> np.ndarray:
+        """Covariance of the record's gradient, ``(c, c)``, by Parseval."""
+        c = len(self.scores.at)
+        weighted = np.conj(self.weights) * self.parseval[:, None, None]
+        total = (weighted.reshape(-1, c).T @ self.driven().reshape(-1, c)).real
+        return 0.5 * (total + total.T)
+
+    def refit(self, inverse: np.ndarray, covariance: np.ndarray) -> None:
+        """Autoregressions anew, of the autocovariances that the noise must have for the residuals to have theirs."""
+        m, n = self.residual.shape
+        following = np.fft.irfft(self.driven(), self.size, axis=0)[:n].transpose(1, 0, 2) @ inverse.T
+        half = self.jacobian @ covariance
+        taken = np.empty((self.lags + 1, m, m))
+        for k in range(self.lags + 1):
+            ahead, now = np.s_[:, k:], np.s_[:, : n - k]
+            J_ahead, J_now = self.jacobian[ahead].reshape(m, -1), self.jacobian[now].reshape(m, -1)
+            both = J_ahead @ following[now].reshape(m, -1).T + following[ahead].reshape(m, -1) @ J_now.T
+            taken[k] = both - J_ahead @ half[now].reshape(m, -1).T
+        self._fit(self.measured + taken / (self.share * n))
+
+    def spread(self, inverse: np.ndarray) -> np.ndarray:
+        """Variance of the diagonal of ``inverse middle inverse^T`` ``(n,)`` through what the autoregressions do not know exactly."""
+        model = self.model
+        p, m, _ = model.coefficients.shape
+        seen = np.einsum("fmc,nc->nfm", self.weights, inverse, optimize=True)
+        left = np.einsum("fba,nfb->nfa", np.conj(self.inverse), seen, optimize=True)
+        power = np.einsum("nfa,f,nfb->nab", left, self.parseval, np.conj(left), optimize=True).real
+        turned = power @ model.covariance
+        total = 2.0 / model.count * np.einsum("nab,nba->n", turned, turned)
+        if p == 0:
+            return np.asarray(total)
+        right = np.einsum("fab,nfb->nfa", self.density, seen, optimize=True)
+        angles = np.exp(-2j * np.pi * np.outer(np.arange(1, p + 1), np.arange(self.size // 2 + 1)) / self.size)
+        slopes = np.array([-2.0 * np.einsum("nfa,f,nfb->nab", np.conj(left), self.parseval * turn, right, optimize=True).real for turn in angles])
+        slopes = np.where(model.free[:, None], slopes, 0.0).transpose(1, 2, 0, 3).reshape(len(inverse), m, p * m)
+        lag = np.subtract.outer(np.arange(p), np.arange(p))
+        blocks = np.where(
+            (lag <= 0)[:, :, None, None],
+            self.autocovariance[np.abs(lag)],
+            self.autocovariance[np.abs(lag)].transpose(0, 1, 3, 2),
+        )
+        if self.joint:
+            inside = np.linalg.pinv(blocks.transpose(0, 2, 1, 3).reshape(p * m, p * m), hermitian=True)
+            return np.asarray(total + np.einsum("nak,kl,nbl,ab->n", slopes, inside, slopes, model.covariance, optimize=True) / model.count)
+        for i in range(m):
+            own = np.flatnonzero(model.free[:, i, i])
+            mine = slopes[:, i, own * m + i]
+            inside = np.linalg.pinv(blocks[np.ix_(own, own)][:, :, i, i], hermitian=True)
+            total = total + model.covariance[i, i] / model.count * np.einsum("nk,kl,nl->n", mine, inside, mine)
+        return np.asarray(total)
+
+
+def autoregression(autocovariance: np.ndarray, count: float) -> tuple[np.ndarray, float]:
+    """Coefficients ``(p,)`` and variance of the autoregression of least Akaike criterion, by Levinson and Durbin.
+
+    Of an autocovariance at lags 0 to P of ``count`` samples.
+    """
+    variance = float(max(autocovariance[0], 1e-300))
+    a: np.ndarray = np.zeros(0)
+    best, least = (a, variance), count * np.log(variance)
+    for p in range(1, len(autocovariance)):
+        reflected = -(autocovariance[p] + a @ autocovariance[p - 1 : 0 : -1]) / variance
+        if not abs(reflected) < 1.0:
+            break
+        a = np.append(a + reflected * a[::-1], reflected)
+        variance *= 1.0 - reflected * reflected
+        score = count * np.log(variance) + 2.0 * p
+        if score < least:
+            best, least = (a, variance), score
+    return best
+
+
+def joint_autoregressions(autocovariance: np.ndarray, count: float) -> Iterator[Autoregression]:
+    """Autoregressions of all outputs together, of rising order, from autocovariances ``(P + 1, m, m)``: Yule and Walker's equations.
+
+    Up to ten samples a coefficient, and as long as the noise's covariance is one.
+    """
+    m = autocovariance.shape[1]
+    if m < 2:
+        return
+    for p in range(1, min(len(autocovariance) - 1, int(count / (10.0 * m))) + 1):
+        lag = np.subtract.outer(np.arange(p), np.arange(p))
+        # Block (h, k): R[h - k], of a negative lag the transpose.
+        blocks = np.where(
+            (lag >= 0)[:, :, None, None],
+            autocovariance[np.abs(lag)],
+            autocovariance[np.abs(lag)].transpose(0, 1, 3, 2),
+        )
+        whole = blocks.transpose(1, 2, 0, 3).reshape(p * m, p * m)
+        right = autocovariance[1 : p + 1].transpose(1, 0, 2).reshape(m, p * m)
+        try:
+            np.linalg.cholesky(whole)  # autocovariances of no process give no stable autoregression
+        except np.linalg.LinAlgError:
+            return
+        flat = -np.linalg.solve(whole.T, right.T).T
+        coefficients = flat.reshape(m, p, m).transpose(1, 0, 2)
+        covariance = autocovariance[0] + np.einsum("kab,kcb->ac", coefficients, autocovariance[1 : p + 1])
+        covariance = 0.5 * (covariance + covariance.T)
+        if np.linalg.eigvalsh(covariance)[0] <= 0.0:
+            return
+        yield Autoregression(coefficients, np.ones_like(coefficients, dtype=bool), covariance, count)
+
+
+def paired_autocovariance(residual: np.ndarray, valid: np.ndarray, lags: int) -> np.ndarray:
+    """Autocovariances ``R[k] = mean of r[t + k] r[t]^T`` ``(lags + 1, m, m)`` of series ``(m, N)`` with missing samples.
+
+    Tapered as those of complete series, the sum over N - k pairs by N.
+    """
+    n = residual.shape[1]
+    known = valid.astype(float)
+    seen = residual * known
+    out = []
+    for k in range(lags + 1):
+        products, pairs = seen[:, k:] @ seen[:, : n - k].T, known[:, k:] @ known[:, : n - k].T
+        out.append(products / np.maximum(pairs, 0.5) * (n - k) / n)
+    return np.array(out)
+
+
+@lru_cache(maxsize=64)
+def good_length(least: int) -> int:
+    """The smallest product of twos, threes and fives that is not less: of such lengths transforms are quick."""
+    found, fives = 1 << (least - 1).bit_length(), 1
+    while fives < found:
+        threes = fives
+        while threes < found:
+            found = min(found, threes << max(0, (-(-least // threes) - 1).bit_length()))
+            threes *= 3
+        fives *= 5
+    return found
