@@ -63,9 +63,18 @@ def request_of(
     )
 
 
-def plan_from(start: Times, stop: Times, hold: str | None, rate: float | None, lowpass: float | None, trust_record: bool) -> Plan:
-    """The plan; ``start`` and ``stop`` are one time or one of each maneuver, s."""
-    return plan_of(_times(start), _times(stop), hold, rate, lowpass, trusted=trust_record)
+def plan_from(
+    start: Times,
+    stop: Times,
+    hold: str | None,
+    rate: float | None,
+    lowpass: float | None,
+    trust_record: bool,
+    columns: str | Sequence[str] | None = None,
+) -> Plan:
+    """The plan; ``start`` and ``stop`` are one time or one of each maneuver, s; ``columns`` names with commas or as a list."""
+    names = columns if columns is None or isinstance(columns, str) else ",".join(columns)
+    return plan_of(_times(start), _times(stop), hold, rate, lowpass, trusted=trust_record, columns=names)
 
 
 def with_parts(request: Request, asked: Named, found: Found) -> Request:

@@ -118,6 +118,7 @@ def check(
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
     *,
     channels: Choices | None = None,
+    columns: str | Sequence[str] | None = None,
     start: Times = None,
     stop: Times = None,
     hold: str | None = None,
@@ -131,5 +132,5 @@ def check(
     ------
     InputError : anything in the records that keeps them from being used, in one line.
     """
-    plan = plan_from(start, stop, hold, rate, lowpass, trust_record)
+    plan = plan_from(start, stop, hold, rate, lowpass, trust_record, columns)
     return Check(checking.check_files(request_of(records, "", vehicle, channels=channels, plan=plan)))

@@ -199,6 +199,7 @@ def diagnose(
     effects: str | PathLike[str] | Sequence[Traceable] | None = None,
     effort: str = "normal",
     channels: Choices | None = None,
+    columns: str | Sequence[str] | None = None,
     start: Times = None,
     stop: Times = None,
     maneuver: Named = None,
@@ -215,7 +216,7 @@ def diagnose(
 
     Parameters
     ----------
-    records, model, vehicle, channels, start, stop, maneuver, maneuvers, hold, rate, lowpass, trust_record, aircraft_class,
+    records, model, vehicle, channels, columns, start, stop, maneuver, maneuvers, hold, rate, lowpass, trust_record, aircraft_class,
         category : as in ``identify``.
     validate : records that are predicted; else the last of several is held out, or the last part of one.
     effects : effects of your own, or the path of a Python file with them. effort : ``"normal"`` or ``"thorough"``.
@@ -225,7 +226,7 @@ def diagnose(
     ------
     InputError : anything asked or in the records that keeps them from being used, in one line.
     """
-    plan = plan_from(start, stop, hold, rate, lowpass, trust_record)
+    plan = plan_from(start, stop, hold, rate, lowpass, trust_record, columns)
     request = request_of(
         records,
         model,

@@ -204,6 +204,7 @@ def identify(
     band: tuple[float, float] | None = None,
     engine: str | None = None,
     channels: Choices | None = None,
+    columns: str | Sequence[str] | None = None,
     start: Times = None,
     stop: Times = None,
     maneuver: Named = None,
@@ -226,7 +227,7 @@ def identify(
     validate : records that are predicted with what was estimated from the others.
     profile : parameters whose profile-likelihood interval is wanted; True: of every one.
     band : Hz, for frequency-domain. engine : of the extended Kalman filter, filterpy or batched.
-    channels : a channel map as in ``read_record``, for all records.
+    channels : a channel map as in ``read_record``, for all records. columns : names of the columns of files without a header, in their order.
     start, stop : the part that is used, s; a list of each for several maneuvers. hold, rate, lowpass, trust_record : as the command's options.
     maneuver : maneuvers that are used instead, by number or name, one or a list. maneuvers : what ``find_maneuvers`` returned, or
         the path of its ``maneuvers.toml``; None takes the one beside the record.
@@ -236,7 +237,7 @@ def identify(
     ------
     InputError : anything asked or in the records that keeps them from being used, in one line.
     """
-    plan = plan_from(start, stop, hold, rate, lowpass, trust_record)
+    plan = plan_from(start, stop, hold, rate, lowpass, trust_record, columns)
     request = request_of(records, model, vehicle, validate, channels=channels, plan=plan, aircraft_class=aircraft_class, category=category)
     request = with_parts(request, maneuver, maneuvers)
     return Identification(identify_files(request, method, Options(_profiled(profile), band, engine)))

@@ -24,6 +24,10 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
         ("flightid campaign every-effect --effects drag-jump --runs 2", "each effect that is named, planted and asked for"),
         ("flightid campaign trace-vane --runs 2 --out campaign", "how often what is hidden is found, and something false claimed"),
     ),
+    "map": (
+        ("flightid map flight.csv", "the content of a recorder's file, and drafts of its channel map and vehicle file"),
+        ("flightid map flight.csv --out draft", "the drafts as files, to check and complete"),
+    ),
     "maneuvers": (
         ("flightid maneuvers flight.csv", "steps, doublets, sweeps, turns and the like in a long record"),
         ("flightid maneuvers flight.csv --out found", "with the flight in a figure and maneuvers.toml for --maneuver"),

@@ -7,6 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from scenarios.files.formats.cells import LARGEST
+from sim.errors import RecordError
 from sim.record import Record
 
 MANY = 5.0  # usual steps, from which a longer one is a gap
@@ -23,8 +25,14 @@ def gaps_of(record: Record) -> np.ndarray:
 def split_at_gaps(record: Record) -> tuple[tuple[Record, ...], str]:
     """The parts of a record between its gaps and a sentence on them; the record itself and nothing where it has none.
 
+    Raises RecordError for a time beyond all measure.
+
     A part of fewer than 30 samples is left out, unless no part has more; every part is named ``NAME[from-to s]``.
     """
+    wrong = np.flatnonzero(np.abs(record.time) > LARGEST)
+    if wrong.size:
+        what = f"{record.time[wrong[0]]:g} s is no time of a measurement"
+        raise RecordError(what, where=record.name, remedy="correct the time stamps, or cut them off with --from and --to")
     after = gaps_of(record)
     if not after.size:
         return (record,), ""

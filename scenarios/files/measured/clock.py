@@ -20,6 +20,7 @@ SLOWEST = 0.1  # Hz: a counter of whole numbers that would be slower in seconds 
 FEWEST = 20  # steps from which the rate of a counter says its unit
 EPOCH = 1e8  # s: larger stamps are dates, and time counts from the first sample
 DAY = 86400.0
+REGULARLY = 0.05  # share of the steps that rounding makes uneven at least; a single odd stamp is a fault
 COARSE = 0.01  # of the step, from which the digits of the stamps limit it
 DISPLACED = 0.02  # share of the rows that may stand in the wrong place
 _TIME_OF_DAY = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)")
@@ -159,8 +160,8 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
     step = (time[-1] - time[0]) / (time.size - 1)
     if not step > 0.0:
         return None
-    uneven = np.max(np.abs(np.diff(time) - step))
-    if uneven < COARSE * step:
+    uneven = np.abs(np.diff(time) - np.median(np.diff(time))) > COARSE * step
+    if np.mean(uneven) < REGULARLY:
         return None
     unit = _last_digits(time)
     if np.max(unit) < COARSE * step:

@@ -41,7 +41,7 @@ RECORDS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "missing time": (with_row(",0,0,0"), ("row 6, column 'time'", "time is missing", "give every row a time")),
     "infinite time": (with_row("inf,0,0,0"), ("row 6, column 'time'", "time is infinite", "finite time")),
     "time goes back": (with_row("0.01,0,0,0"), ("row 6, column 'time'", "goes back (0.03 s, then 0.01 s)", "sort the rows")),
-    "duplicated row": (lambda lines: "\n".join([*lines[:ROW], *lines[ROW - 1 :]]), ("row 6, column 'time'", "repeated", "remove duplicates")),
+    "time twice": (with_row("0.03,0,0.7,0"), ("row 6, column 'time'", "repeated", "remove duplicates")),
     "one sample": (lambda lines: "\n".join(lines[:2]), ("row 2", "one sample", "at least two rows")),
     "empty file": (lambda lines: "", ("the file is empty", "give a header row")),
     "header without rows": (lambda lines: lines[0] + "\n", ("header but no rows", "give one row a sample")),
@@ -175,7 +175,7 @@ def test_record(flightid: CommandLine, place: Path, case: str) -> None:
 
 def test_record_in_another_encoding(flightid: CommandLine, place: Path) -> None:
     (place / "wrong.csv").write_bytes("time,elevator,alpha,q\n0,0,0,0\n0.1,0,0,0°\n".encode("latin-1"))
-    refused(flightid, place, identify(record="wrong.csv"), ("wrong.csv, row 3", "not UTF-8", "save it as"))
+    refused(flightid, place, identify(record="wrong.csv"), ("wrong.csv, row 3", "'0°' is not a number", "write a number"))
 
 
 def test_record_that_is_not_there(flightid: CommandLine, place: Path) -> None:

@@ -325,7 +325,7 @@ def test_calls_that_are_refused(flightid: CommandLine, folder: Path, options: li
     assert "this is a folder" in flightid.refused("watch", tmp_path, *options)
     (tmp_path / "flight.parquet").write_bytes(b"PAR1")
     assert "arrives line by line" in flightid.refused("watch", tmp_path / "flight.parquet", *options)
-    assert "cannot be read" in flightid.refused("watch", record, "--model", "loes", "--reference", tmp_path)
+    assert "comparison.json: there is no such file" in flightid.refused("watch", record, "--model", "loes", "--reference", tmp_path)
     (tmp_path / "comparison.json").write_text('{"schema": "flightid/comparison/1", "parameters": {"beta": {"estimate": 1.0, "std": 0.1}}}')
     assert "there is no L_alpha in it" in flightid.refused("watch", record, "--model", "loes", "--reference", tmp_path)
     (tmp_path / "comparison.json").write_text('{"schema": "flightid/comparison/1", "parameters": {}, "start_dependent": ["L_alpha"]}')

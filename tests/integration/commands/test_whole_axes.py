@@ -141,7 +141,7 @@ def test_a_gap_in_time_with_a_poor_start_is_named_and_does_no_harm(flightid: Com
     np.savetxt(path, np.array([*columns.values()]).T, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
     (tmp_path / "vehicle.toml").write_text(vehicle_text("lateral", -0.9), encoding="utf-8")
     printed = " ".join(flightid.done("identify", path, "--model", "lateral", "--out", tmp_path / "out", "--no-figures").split())
-    assert "gap.csv: time misses about" in printed and "a simulation goes through with the inputs of the row before" in printed
+    assert "the record has a gap (13." in printed and "is used as 2 records" in printed
     found = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert found["outcome"] == "converged" and "has the other sign" in printed
     for name in ("Cl_p", "Cn_beta", "Cl_beta", "Cn_r"):
@@ -155,6 +155,6 @@ GAP = Path(__file__).parents[4] / "shared" / "cases" / "lateral-time-gap"
 def test_the_gap_of_a_measured_kind_is_fitted(flightid: CommandLine, tmp_path: Path) -> None:
     call = ("identify", GAP / "gap.csv", "--model", "lateral", "--vehicle", GAP / "vehicle.toml", "--out", tmp_path / "out", "--no-figures")
     printed = " ".join(flightid.done(*call).split())
-    assert "time misses about 750 row(s) (19.96 to 50 s): a simulation goes through with the inputs of the row before" in printed
+    assert "the record has a gap (19.96 to 50 s) and is used as 2 records" in printed
     found = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert found["outcome"] == "converged" and abs(found["parameters"]["Cl_p"]["estimate"] + 0.51) < 0.01

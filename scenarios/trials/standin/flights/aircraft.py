@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 from sim.declaration.effect import Signal
@@ -39,11 +40,9 @@ class LongitudinalFlight:
     parameter_names: tuple[str, ...] = (*BASE.parameter_names, "gravity", "trim_lift", "trim_alpha")
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
-        s.airspeed_change = s.airspeed_change + s.speed
-        s.gust = s.gust + s.updraft / p.airspeed
-        found = BASE.flow(s, p)
-        s.lift = s.lift + p.trim_lift * (1.0 - (p.airspeed / found["V"]) ** 2)
-        return found
+        moved = {"airspeed_change": s.airspeed_change + s.speed, "gust": s.gust + s.updraft / p.airspeed}
+        found = BASE.flow(SimpleNamespace(**{**vars(s), **moved}), p)
+        return {**found, **moved, "lift": s.lift + p.trim_lift * (1.0 - (p.airspeed / found["V"]) ** 2)}
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
         alpha_rate, pitch_rate = BASE.derivatives(s, p)

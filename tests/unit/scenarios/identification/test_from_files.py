@@ -36,8 +36,17 @@ class Spy:
     def __call__(self, _vehicle: Any, _method: str, _files: Any, _choices: Any, plan: Plan, asked: Options) -> Any:
         self.holds.append(plan.hold)
         self.asked.append(asked)
-        found = SimpleNamespace(record=SimpleNamespace(inputs=self.inputs, hold=plan.hold or Hold.PREVIOUS))
+        found = Found(SimpleNamespace(inputs=self.inputs, hold=plan.hold or Hold.PREVIOUS))
         return SimpleNamespace(measured=()), found
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the file of identifications looks at."""
+
+    record: Any
+    notes: tuple[str, ...] = ()
+    reading: Any = None
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 from sim.declaration.effect import Signal
@@ -42,13 +43,11 @@ class LateralFlight:
     parameter_names: tuple[str, ...] = (*BASE.parameter_names, *OWN_PARAMETERS)
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
-        s.airspeed_change = s.airspeed_change + s.speed
-        s.gust = s.gust + s.sidewind / p.airspeed
-        found = BASE.flow(s, p)
+        moved = {"airspeed_change": s.airspeed_change + s.speed, "gust": s.gust + s.sidewind / p.airspeed}
+        found = BASE.flow(SimpleNamespace(**{**vars(s), **moved}), p)
         beta = found["beta_air"]
-        s.yaw = s.yaw + p.wash * (beta - s.washed) + p.yaw_cube * beta**3
-        s.side_force = s.side_force + p.side_cube * beta**3
-        return found
+        loads = {"yaw": s.yaw + p.wash * (beta - s.washed) + p.yaw_cube * beta**3, "side_force": s.side_force + p.side_cube * beta**3}
+        return {**found, **moved, **loads}
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
         beta_rate, *others = BASE.derivatives(s, p)
