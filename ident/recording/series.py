@@ -13,6 +13,8 @@ FEWEST = 20  # samples that a word on a channel needs
 ON_THE_GRID = 0.02  # of the least bit, within which a value lies on its grid: what rounding of a conversion leaves is far less
 WHITE = 1.5  # ratio of the noise by second and by fourth differences: 1 for white noise, 10 and more for motion alone
 RESOLVED = 0.7
+STEPPED = 0.1  # of a converter's step, within which nine tenths of the differences lie on its multiples; a fifth of them by chance
+LATTICE = 8.0  # steps of a converter up to which differences are compared: a calibration that drifts shifts larger ones
 SMALLEST = 1e-9  # of a channel's span, below which a scatter is rounding
 
 
@@ -56,7 +58,16 @@ def series_of(record: Record, channel: Channel) -> Series:
 
 
 def least_bit(values: np.ndarray) -> float:
-    """The largest step of which all differences between values are multiples (Euclid's algorithm on floats); 0 where there is none to be seen."""
+    """The step of the converter; 0 where the values show none.
+
+    It is the largest step of which all differences between values are multiples (Euclid's algorithm on floats), or the coarser one of
+    which neighbouring samples differ by multiples: a calibration after the converter, and printed digits, shift its levels a little.
+    """
+    exact = _exact_step(values)
+    return max(exact, _converter_step(values, exact))
+
+
+def _exact_step(values: np.ndarray) -> float:
     levels = np.unique(values)
     if levels.size < 2:
         return 0.0
@@ -72,6 +83,28 @@ def least_bit(values: np.ndarray) -> float:
             return bit
         bit = float(np.min(off))
     return 0.0
+
+
+def _converter_step(values: np.ndarray, exact: float) -> float:
+    """The step of which small differences of neighbouring samples are multiples within a tenth of it; 0 where there is none."""
+    sizes = np.abs(np.diff(values))
+    if sizes.size < FEWEST:
+        return 0.0
+    least = max(3.0 * exact, SMALLEST * float(np.ptp(values)))
+    moving = np.sort(sizes[sizes > least])
+    if moving.size < FEWEST:
+        return 0.0
+    step = float(moving[moving.size // 50])
+    for _ in range(3):
+        near = sizes[sizes < LATTICE * step]
+        count = np.round(near / step)
+        if not np.any(count):
+            return 0.0
+        step = float(count @ near / (count @ count))
+    near = sizes[sizes < LATTICE * step]
+    count = np.round(near / step)
+    several = np.count_nonzero(count) >= FEWEST and len(np.unique(count[count > 0.0])) > 1
+    return step if several and np.mean(np.abs(near / step - count) < STEPPED) > 0.9 else 0.0
 
 
 def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
