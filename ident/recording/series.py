@@ -14,7 +14,7 @@ ON_THE_GRID = 0.02  # of the least bit, within which a value lies on its grid: w
 WHITE = 1.5  # ratio of the noise by second and by fourth differences: 1 for white noise, 10 and more for motion alone
 RESOLVED = 0.7
 STEPPED = 0.1  # of a converter's step, within which nine tenths of the differences lie on its multiples; a fifth of them by chance
-LATTICE = 8.0  # steps of a converter up to which differences are compared: a calibration that drifts shifts larger ones
+LATTICE = 3.5  # steps of a converter up to which differences are compared: a calibration that drifts shifts larger ones
 SMALLEST = 1e-9  # of a channel's span, below which a scatter is rounding
 
 
@@ -94,16 +94,20 @@ def _converter_step(values: np.ndarray, exact: float) -> float:
     moving = np.sort(sizes[sizes > least])
     if moving.size < FEWEST:
         return 0.0
-    step = float(moving[moving.size // 50])
+    starts = np.quantile(moving, (0.02, 0.1, 0.2, 0.3, 0.4, 0.5))
+    return max(_lattice_step(sizes, start) for start in starts.tolist())
+
+
+def _lattice_step(sizes: np.ndarray, step: float) -> float:
+    """The step near a first guess on whose multiples nine tenths of the smaller sizes lie; 0 where they do not."""
+    near, count = sizes, sizes
     for _ in range(3):
         near = sizes[sizes < LATTICE * step]
         count = np.round(near / step)
-        if not np.any(count):
+        if np.count_nonzero(count) < FEWEST:
             return 0.0
         step = float(count @ near / (count @ count))
-    near = sizes[sizes < LATTICE * step]
-    count = np.round(near / step)
-    several = np.count_nonzero(count) >= FEWEST and len(np.unique(count[count > 0.0])) > 1
+    several = len(np.unique(count[count > 0.0])) > 1
     return step if several and np.mean(np.abs(near / step - count) < STEPPED) > 0.9 else 0.0
 
 
