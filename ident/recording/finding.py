@@ -16,6 +16,7 @@ class Kind(Enum):
     """What may be wrong with a recording."""
 
     HELD = "held"
+    INTERPOLATED = "interpolated"
     STUCK = "stuck"
     CLIPPED = "clipped"
     DROPOUT = "dropout"

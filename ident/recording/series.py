@@ -63,11 +63,12 @@ def least_bit(values: np.ndarray) -> float:
     It is the largest step of which all differences between values are multiples (Euclid's algorithm on floats), or the coarser one of
     which neighbouring samples differ by multiples: a calibration after the converter, and printed digits, shift its levels a little.
     """
-    exact = _exact_step(values)
+    exact = exact_step(values)
     return max(exact, _converter_step(values, exact))
 
 
-def _exact_step(values: np.ndarray) -> float:
+def exact_step(values: np.ndarray) -> float:
+    """The largest step of which all differences between values are multiples: of a converter, or of the digits that were printed."""
     levels = np.unique(values)
     if levels.size < 2:
         return 0.0

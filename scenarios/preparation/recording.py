@@ -113,7 +113,7 @@ def _acted_on(record: Record, finding: Finding, plan: Plan) -> tuple[Record, See
         return record, Seen(record.name, finding, WARNED)
     channel = record[finding.channel]
     mask = finding.mask & channel.valid
-    if finding.kind is Kind.HELD and (plan.rate is not None or plan.lowpass is not None):
+    if finding.kind in (Kind.HELD, Kind.INTERPOLATED) and (plan.rate is not None or plan.lowpass is not None):
         # A filter needs every sample: straight lines between updates are what it is given anyway.
         fresh = channel.valid & ~mask
         values = np.interp(record.time, record.time[fresh], channel.values[fresh])
