@@ -49,7 +49,9 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Findi
     clean = _without(record, masked)
     whole = [series_of(clean, clean[series.name]) for series in outputs if not _mostly(masked.get(series.name))]
     for series in whole:
-        found += [one for one in (coarse(series), changing_noise(series, len(record), inputs), hum(series, inputs)) if one is not None]
+        others = [other for other in whole if other is not series]
+        looked = (coarse(series), changing_noise(series, len(record), inputs, others), hum(series, inputs))
+        found += [one for one in looked if one is not None]
     found += zero_steps([series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)], inputs, masked, over)
     if expected.aircraft:
         found += misread(clean, expected)

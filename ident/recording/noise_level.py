@@ -57,16 +57,17 @@ class _Part:
     times: tuple[float, float]
 
 
-def changing_noise(series: Series, count: int, inputs: Sequence[Series] = ()) -> Finding | None:
+def changing_noise(series: Series, count: int, inputs: Sequence[Series] = (), others: Sequence[Series] = ()) -> Finding | None:
     """Noise of one part of a record ``count`` rows long that is several times that of another: from ``LOUD`` times on its samples are named.
 
     Roughness that the motion or an input can have made is no noise of the sensor: a loud part counts where the motion is slow against the
-    sampling, or against a quiet part that moved as much; and only by as much as no ``inputs`` were rougher there.
+    sampling, or against a quiet part that moved as much; and only by as much as no ``inputs`` were rougher there. Where ``others``, the
+    remaining outputs, became rougher in the same part, it is the air or the structure.
     """
     if not series.white or series.noise < BITS * series.least_bit:
         return None
     for parts in PARTS:
-        found = _between_parts(series, min(parts, len(series.values) // FEWEST), count, inputs)
+        found = _between_parts(series, min(parts, len(series.values) // FEWEST), count, (inputs, others))
         if found is not None:
             return found
     return None
@@ -93,7 +94,7 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_Part]:
 
 
 def _roughness(other: Series, begin: float, end: float) -> float:
-    """Size of the fourth differences of an input between two times, half a step of its converter at least."""
+    """Size of the fourth differences of a channel between two times, half a step of its converter at least."""
     inside = (other.time >= begin) & (other.time <= end)
     if np.count_nonzero(inside) < FEWEST // 2:
         return 0.0
@@ -113,6 +114,12 @@ def _beyond_inputs(quiet: _Part, loud: _Part) -> float:
     return loud.level / quiet.level / more
 
 
+def _shared(quiet: _Part, loud: _Part, others: Sequence[Series]) -> bool:
+    """Whether another output is rougher as well, by more than its roughness scatters."""
+    least = max(FACTOR, float(np.exp(SURE * SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples))))
+    return any(_roughness(other, *loud.times) > least * _roughness(other, *quiet.times) > 0.0 for other in others)
+
+
 def _sure(quiet: _Part, loud: _Part) -> bool:
     """Whether the noise of a part is larger than that of another by more than its estimates scatter."""
     ratio = _beyond_inputs(quiet, loud)
@@ -120,12 +127,13 @@ def _sure(quiet: _Part, loud: _Part) -> bool:
     return bool(ratio >= FACTOR and np.log(ratio) >= SURE * scatter)
 
 
-def _between_parts(series: Series, parts: int, count: int, inputs: Sequence[Series]) -> Finding | None:
+def _between_parts(series: Series, parts: int, count: int, beside: tuple[Sequence[Series], Sequence[Series]]) -> Finding | None:
     if parts < 3:
         return None
+    inputs, others = beside
     every = _parts(series, parts, inputs)
     found = [one for one in every if one.white]
-    pairs = [(quiet, loud) for quiet in found for loud in found if loud.level > quiet.level and _sure(quiet, loud)]
+    pairs = [(quiet, loud) for quiet in found for loud in found if loud.level > quiet.level and _sure(quiet, loud) and not _shared(quiet, loud, others)]
     if len(found) < 3 or not pairs:
         return None
     low, high = max(pairs, key=lambda pair: pair[1].level / pair[0].level)
