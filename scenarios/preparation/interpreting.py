@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ident.statistics.coloured_covariance import effective_share
-from ident.whole_record.fit_problem import FitProblem
-from ident.whole_record.gauss_newton import Fit, fit_whole_records
-from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.best_start import fits_at_their_least
+from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from scenarios.preparation.vehicle_model import outputs_with_bias, step_for
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
@@ -35,7 +34,7 @@ def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: fl
     """
     if any(np.max(np.abs(channel.values)) > BEYOND for record in first[1] for channel in record.channels):
         return 0.0  # no measurement; whoever fits it says so
-    old, new = _fit(first, outputs, local), _fit(second, outputs, local)
+    old, new = fits_at_their_least(_layout(first, outputs, local), _layout(second, outputs, local))
     if old is None or new is None or not np.all(np.isfinite([*old.variance, *new.variance])) or min(*old.variance, *new.variance) <= 0.0:
         return 0.0
     if any(fit.counts.sum() <= len(fit.theta) for fit in (old, new)):
@@ -81,11 +80,11 @@ def linear_by(records: Sequence[Record], model: Model, read: Callable[[Model, li
     return better_by(read(model, with_hold(some, Hold.PREVIOUS)), read(model, with_hold(some, Hold.LINEAR)), outputs) if outputs else 0.0
 
 
-def _fit(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> Fit | None:
+def _layout(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> FitLayout:
     model, records = reading
     biased = model.with_biases(outputs_with_bias(model, outputs))
     settings = replace(SETTINGS, max_step=step_for(model, records, SETTINGS.max_step))
-    return fit_whole_records(FitProblem(lay_out(records, compile_model(biased, list(outputs)), settings, local=local)))
+    return lay_out(records, compile_model(biased, list(outputs)), settings, local=local)
 
 
 def _outputs(records: Sequence[Record], model: Model) -> list[str]:
