@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import RecordFile, read_with_validation, refuse_twice
 from scenarios.files.own_models import channel_units
@@ -13,9 +15,10 @@ from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_m
 from scenarios.identification.assessment.intervals import SETTLED
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.identify import identify
-from scenarios.identification.input_reading import opposite, other_reading
+from scenarios.identification.input_reading import WORDS, opposite, other_reading
 from scenarios.identification.methods import FILTERS, METHODS, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
+from scenarios.preparation.interpreting import likelier_by
 from scenarios.preparation.plausibility import refuse_still, refuse_strangers, refuse_unpredictable
 from scenarios.preparation.reading import prepare
 from scenarios.preparation.request import Request, column_choices, flown_of
@@ -107,5 +110,24 @@ def _read_otherwise(found: Identification, again: Callable[[Hold], Identificatio
     other = again(opposite(used))
     if any(each.estimate.outcome not in SETTLED for each in (found, other)):
         return found
-    gain = 2.0 * (other.estimate.log_likelihood - found.estimate.log_likelihood)
-    return replace(found, reading=other_reading(used, found.rows, other.rows, gain))
+    reading = other_reading(used, found.rows, other.rows, _gain(found, other))
+    if reading is not None and reading.decided:
+        said = [note for note in found.notes if note.startswith(f"inputs {WORDS[used]} between samples")]
+        return replace(found, decided=reading, notes=found.notes if said else (*found.notes, reading.decision))
+    return replace(found, reading=reading)
+
+
+def _gain(found: Identification, other: Identification) -> float:
+    """Twice the log likelihood by which the simulations of another identification of the same records fit them better."""
+    pairs = [pair for pair in zip(found.fits, other.fits, strict=True) if not pair[0].held_out]
+    if not pairs or any(fit.figures is None for pair in pairs for fit in pair):
+        return 2.0 * (other.estimate.log_likelihood - found.estimate.log_likelihood)
+    residuals: tuple[list[np.ndarray], list[np.ndarray]] = [], []
+    known = []
+    for pair in pairs:
+        measured, valid = pair[0].record.output_array(pair[0].outputs)
+        sound = valid & np.isfinite(pair[0].simulated) & np.isfinite(pair[1].simulated)
+        known.append(sound)
+        for some, fit in zip(residuals, pair, strict=True):
+            some.append(np.where(sound, measured - fit.simulated, 0.0))
+    return likelier_by(*residuals, known)

@@ -41,14 +41,23 @@ def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: fl
         return 0.0  # as many unknowns as samples: both readings fit, and what is left is rounding
     if np.min(new.variance / old.variance) > (1.0 - least) ** 2:
         return 0.0
-    total = np.zeros(len(old.layout.problems))
-    for i in range(len(old.variance)):
-        known = [problem.valid[i : i + 1] for problem in old.layout.problems]
-        share = min(effective_share([r[i : i + 1] for r in fit.residuals], known) for fit in (old, new))
-        for k, valid in enumerate(known):
-            (before, after), count = (float(np.sum(fit.residuals[k][i, valid[0]] ** 2)) for fit in (old, new)), int(np.count_nonzero(valid))
-            if count and before > 0.0 and after > 0.0:
-                total[k] += share * count * np.log(before / after)
+    known = [problem.valid for problem in old.layout.problems]
+    return likelier_by(old.residuals, new.residuals, known)
+
+
+def likelier_by(before: Sequence[np.ndarray], after: Sequence[np.ndarray], known: Sequence[np.ndarray]) -> float:
+    """Twice the log likelihood by which the second residuals are likelier than the first, in effective samples; zero where records contradict.
+
+    Residuals and their validity are ``(m, N)`` a record; each output has one noise level.
+    """
+    total = np.zeros(len(known))
+    for i in range(len(known[0])):
+        valid = [each[i : i + 1] for each in known]
+        share = min(effective_share([r[i : i + 1] for r in residuals], valid) for residuals in (before, after))
+        for k, (row,) in enumerate(valid):
+            (old, new), count = (float(np.sum(residuals[k][i, row] ** 2)) for residuals in (before, after)), int(np.count_nonzero(row))
+            if count and old > 0.0 and new > 0.0:
+                total[k] += share * count * np.log(old / new)
     found = float(np.sum(total))
     return 0.0 if np.min(total * np.sign(found)) < -AGAINST else found
 
