@@ -10,6 +10,7 @@ import numpy as np
 from ident.recording.dropouts import dropouts
 from ident.recording.extremes import clipped
 from ident.recording.finding import Certainty, Expectations, Finding
+from ident.recording.height_unit import height_unit
 from ident.recording.hum import hum
 from ident.recording.interpolated import interpolated
 from ident.recording.noise_level import changing_noise, coarse
@@ -55,6 +56,7 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Findi
     found += zero_steps([series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)], inputs, masked, over)
     if expected.aircraft:
         found += misread(clean, expected)
+    found += height_unit(clean, expected)
     return tuple(sorted(found, key=lambda one: ORDER.index(one.certainty)))
 
 

@@ -71,6 +71,8 @@ def expectations_of(model: Model) -> Expectations:
     p = model.parameters
     speed = next((p[name].value for name in AIRSPEEDS if name in p), None)
     gravity = p["gravity"].value if "gravity" in p else G0
+    if "density_scale_height" in p:
+        return Expectations(speed, gravity, scale_height=p["density_scale_height"].value)
     if "M_delta" in p:
         return Expectations(speed, gravity, p["M_delta"].value)
     if speed is not None and all(name in p for name in ("air_density", "wing_area", "chord", "pitch_inertia", "Cm_de")):
