@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +17,7 @@ WHITE = 1.5  # ratio of the noise by second and by fourth differences: 1 for whi
 RESOLVED = 0.7
 STEPPED = 0.1  # of a converter's step, within which nine tenths of the differences lie on its multiples; a fifth of them by chance
 LATTICE = 3.5  # steps of a converter up to which differences are compared: a calibration that drifts shifts larger ones
+FINEST = 1e-6  # of a channel's span: the step of a converter of twenty bits, finer than any sensor's noise
 SMALLEST = 1e-9  # of a channel's span, below which a scatter is rounding
 
 
@@ -65,6 +68,19 @@ def least_bit(values: np.ndarray) -> float:
     """
     exact = exact_step(values)
     return max(exact, _converter_step(values, exact))
+
+
+def measurable_noise(level: float | None, values: Sequence[np.ndarray]) -> float | None:
+    """An estimate of a channel's noise that its samples can bear: at least the rounding of its converter, step/sqrt(12); None where they show none.
+
+    ``level``: the estimate, None where there is none. ``values``: the channel's valid samples in each record. An estimate below a millionth of
+    the channel's span without a converter's step is that of a computed or smoothed channel, or of an estimator at its limit.
+    """
+    if level is None:
+        return None
+    rounding = max((least_bit(each) for each in values if each.size), default=0.0) / math.sqrt(12.0)
+    span = max((float(np.ptp(each)) for each in values if each.size), default=0.0)
+    return None if max(level, rounding) <= FINEST * span else max(level, rounding)
 
 
 def exact_step(values: np.ndarray) -> float:
