@@ -20,6 +20,7 @@ class Kind(Enum):
     STUCK = "stuck"
     CLIPPED = "clipped"
     DROPOUT = "dropout"
+    WILD_POINTS = "wild points"
     ROWS_MISSING = "rows missing"
     RESOLUTION = "resolution"
     ZERO_STEP = "zero step"

@@ -133,7 +133,9 @@ def _between_parts(series: Series, parts: int, count: int, beside: tuple[Sequenc
     inputs, others = beside
     every = _parts(series, parts, inputs)
     found = [one for one in every if one.white]
-    pairs = [(quiet, loud) for quiet in found for loud in found if loud.level > quiet.level and _sure(quiet, loud) and not _shared(quiet, loud, others)]
+    pairs = [
+        (quiet, loud) for quiet in found for loud in found if loud.level > quiet.level and _sure(quiet, loud) and not _shared(quiet, loud, others)
+    ]
     if len(found) < 3 or not pairs:
         return None
     low, high = max(pairs, key=lambda pair: pair[1].level / pair[0].level)

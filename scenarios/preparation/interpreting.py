@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ident.statistics.coloured_covariance import effective_share
+from ident.tracing.spikes.detection import input_edges, isolated_wrong
 from ident.whole_record.best_start import fits_at_their_least
+from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from scenarios.preparation.vehicle_model import outputs_with_bias, step_for
 from sim.declaration.compile import compile_model
@@ -30,11 +32,18 @@ def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: fl
 
     Zero where one cannot be fitted or has no fewer unknowns than samples, and where a record by itself speaks against the sum of all: an
     effect that the model lacks may favour the wrong reading in one maneuver, a right one is right in all. Zero too where no
-    channel's residual falls by the share ``least``. ``local`` are parameters of which each record has its own.
+    channel's residual falls by the share ``least``. ``local`` are parameters of which each record has its own. Isolated wrong samples, which would
+    outweigh all others in either residual, are left out.
     """
     if any(np.max(np.abs(channel.values)) > BEYOND for record in first[1] for channel in record.channels):
         return 0.0  # no measurement; whoever fits it says so
     old, new = fits_at_their_least(_layout(first, outputs, local), _layout(second, outputs, local))
+    wild = _wild(old, new)
+    if any(np.any(mask) for mask in wild):
+        first, second = (
+            (model, [_without(record, outputs, mask) for record, mask in zip(some, wild, strict=True)]) for model, some in (first, second)
+        )
+        old, new = fits_at_their_least(_layout(first, outputs, local), _layout(second, outputs, local))
     if old is None or new is None or not np.all(np.isfinite([*old.variance, *new.variance])) or min(*old.variance, *new.variance) <= 0.0:
         return 0.0
     if any(fit.counts.sum() <= len(fit.theta) for fit in (old, new)):
@@ -43,6 +52,27 @@ def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: fl
         return 0.0
     known = [problem.valid for problem in old.layout.problems]
     return likelier_by(old.residuals, new.residuals, known)
+
+
+def _wild(*fits: Fit | None) -> list[np.ndarray]:
+    """Isolated wrong samples of each record by either fit, ``(m, N)``; none where a fit is missing."""
+    known = [fit for fit in fits if fit is not None and all(np.all(np.isfinite(each)) for each in fit.residuals)]
+    if len(known) < len(fits):
+        return []
+    problems = known[0].layout.problems
+    out = [np.zeros_like(problem.valid) for problem in problems]
+    edges = [input_edges(problem.record) for problem in problems]
+    for fit in known:
+        for i in np.flatnonzero([any(np.any(problem.valid[row]) for problem in problems) for row in range(len(out[0]))]):
+            wrong = isolated_wrong([each[i] for each in fit.residuals], [problem.valid[i] for problem in problems], edges)
+            for mask, found in zip(out, wrong, strict=True):
+                mask[i] |= found
+    return out
+
+
+def _without(record: Record, outputs: Sequence[str], wrong: np.ndarray) -> Record:
+    masks = {name: row for name, row in zip(outputs, wrong, strict=True) if np.any(row)}
+    return replace(record, outputs=tuple(replace(c, valid=c.valid & ~masks[c.name]) if c.name in masks else c for c in record.outputs))
 
 
 def likelier_by(before: Sequence[np.ndarray], after: Sequence[np.ndarray], known: Sequence[np.ndarray]) -> float:

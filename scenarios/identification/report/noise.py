@@ -9,7 +9,6 @@ from ident.statistics.sensor_noise import sensor_noise, used_runs
 from scenarios.identification.result import Identification
 from scenarios.terminal.display_units import shown_in, spaced
 
-
 UNMEASURABLE = "not measurable from this record"
 
 
