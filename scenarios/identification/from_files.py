@@ -117,7 +117,8 @@ def _without_wild_points(
     fitted: Callable[[Sequence[Record]], Identification], records: Sequence[Record], *, trusted: bool
 ) -> tuple[Identification, list[dict[str, np.ndarray]]]:
     """A fit less isolated wrong samples, and these by record and channel; looked for again among all samples once they no longer bend the fit."""
-    found, masks = fitted(records), [{} for _ in records]
+    found = fitted(records)
+    masks: list[dict[str, np.ndarray]] = [{} for _ in records]
     for _ in range(0 if trusted else 2):
         again = wild_points(found, records)
         if _same(again, masks):
@@ -148,9 +149,9 @@ def _read_otherwise(
     if gain >= BETTER and not all(held_by_computer(record) for record in (found.record, *found.others)):
         if options.profile is not None:
             other_ready, other = again(opposite(used), options)
-        reading = OtherReading(opposite(used), used, (), -gain)
+        decision = OtherReading(opposite(used), used, (), -gain).decision
         chosen = f"inputs {WORDS[opposite(used)]} between samples: {BY_HAND}"
-        notes = tuple(reading.decision if note == chosen else note for note in other.notes)
+        notes = tuple(decision if note == chosen else note for note in other.notes)
         return other_ready, replace(other, decided=other_reading(opposite(used), other.rows, found.rows, -gain), notes=notes)
     reading = other_reading(used, found.rows, other.rows, gain)
     if reading is not None and reading.decided:
