@@ -170,10 +170,7 @@ def test_a_rate_that_makes_a_late_angle_rough_is_no_noise() -> None:
 
 def test_roughness_that_outputs_share_is_the_air_and_that_of_one_is_its_sensor(sound: Record) -> None:
     rng, loud = np.random.default_rng(5), (sound.time > 10.0) & (sound.time < 15.0)
-    louder = {
-        name: lambda v, sigma=SIGMAS[name]: v + 6.0 * sigma * rng.standard_normal(len(v)) * loud
-        for name in ("alpha", "q", "nz")
-    }
+    louder = {name: lambda v, sigma=SIGMAS[name]: v + 6.0 * sigma * rng.standard_normal(len(v)) * loud for name in ("alpha", "q", "nz")}
     assert all(one.kind is not Kind.NOISE_LEVEL for one in inspect(altered(sound, **louder)))
     (one,) = [each for each in inspect(altered(sound, q=louder["q"])) if each.kind is Kind.NOISE_LEVEL]
     assert one.channel == "q"
