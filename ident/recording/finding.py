@@ -16,9 +16,11 @@ class Kind(Enum):
     """What may be wrong with a recording."""
 
     HELD = "held"
+    INTERPOLATED = "interpolated"
     STUCK = "stuck"
     CLIPPED = "clipped"
     DROPOUT = "dropout"
+    WILD_POINTS = "wild points"
     ROWS_MISSING = "rows missing"
     RESOLUTION = "resolution"
     ZERO_STEP = "zero step"
@@ -83,6 +85,7 @@ class Expectations:
     airspeed : m/s. gravity : m/s2.
     control_power : rad/s2 per unit of the control, the pitch acceleration that the first input makes, with its sign.
     angular_control : the first input is an angle, so that ``control_power`` tells radians from degrees.
+    scale_height : m, of the air's density, of a body that falls through it; its height then obeys gravity and drag.
     aircraft : channels named alpha, q, nz and so on are those of an aircraft, whose motion ties them together.
     """
 
@@ -91,6 +94,7 @@ class Expectations:
     control_power: float | None = None
     angular_control: bool = False
     aircraft: bool = True
+    scale_height: float | None = None
 
 
 def shown(value: float, unit: str) -> str:

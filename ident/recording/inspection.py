@@ -10,7 +10,9 @@ import numpy as np
 from ident.recording.dropouts import dropouts
 from ident.recording.extremes import clipped
 from ident.recording.finding import Certainty, Expectations, Finding
+from ident.recording.height_unit import height_unit
 from ident.recording.hum import hum
+from ident.recording.interpolated import interpolated
 from ident.recording.noise_level import changing_noise, coarse
 from ident.recording.readings import misread
 from ident.recording.repeats import held, stuck
@@ -43,13 +45,18 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Findi
         found += _samples(series, others, inputs, len(record), masked)
     for series in inputs:
         found += [*dropouts(series, len(record), is_input=True), *clipped(series, len(record), is_input=True)]
+        filled = interpolated(series, len(record), is_input=True)
+        found += [filled] if filled is not None else []
     clean = _without(record, masked)
     whole = [series_of(clean, clean[series.name]) for series in outputs if not _mostly(masked.get(series.name))]
     for series in whole:
-        found += [one for one in (coarse(series), changing_noise(series, len(record)), hum(series, inputs)) if one is not None]
+        others = [other for other in whole if other is not series]
+        looked = (coarse(series), changing_noise(series, len(record), inputs, others), hum(series, inputs))
+        found += [one for one in looked if one is not None]
     found += zero_steps([series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)], inputs, masked, over)
     if expected.aircraft:
         found += misread(clean, expected)
+    found += height_unit(clean, expected)
     return tuple(sorted(found, key=lambda one: ORDER.index(one.certainty)))
 
 
@@ -60,9 +67,11 @@ def _samples(series: Series, others: Sequence[Series], inputs: Sequence[Series],
     for one in out:
         taken |= one.mask
     hold = held(series, count) if not out else None
-    if hold is not None:
-        out.append(hold)
-        taken |= hold.mask
+    filled = interpolated(series, count, inputs) if not out and hold is None else None
+    lower_rate = hold or filled
+    if lower_rate is not None:
+        out.append(lower_rate)
+        taken |= lower_rate.mask
     else:
         for one in clipped(series, count):
             out.append(one)

@@ -43,7 +43,7 @@ def held(series: Series, count: int) -> Finding | None:
     both_ways = min(np.mean(steps > 0), np.mean(steps < 0)) > 0.2
     if not (dense or both_ways):
         return None
-    period = _phase_period(changes, len(series.values))
+    period = phase_period(changes, len(series.values))
     if period > 1 and len(changes) * period > 0.5 * len(series.values):
         phase = int(np.bincount(changes % period, minlength=period).argmax())
         repeats = np.ones(len(series.values), dtype=bool)
@@ -105,7 +105,7 @@ def _held(series: Series, repeats: np.ndarray, period: float, count: int, *, reg
     return Finding(series.name, Kind.HELD, Certainty.COSTS_INFORMATION, told, remedy, (), numbers, mask)
 
 
-def _phase_period(changes: np.ndarray, count: int) -> int:
+def phase_period(changes: np.ndarray, count: int) -> int:
     """The longest period on one phase of which nearly all changes fall; 1 where there is none."""
     best = 1
     for period in range(2, min(SLOWEST, count // UPDATES) + 1):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +15,9 @@ FEWEST = 20  # samples that a word on a channel needs
 ON_THE_GRID = 0.02  # of the least bit, within which a value lies on its grid: what rounding of a conversion leaves is far less
 WHITE = 1.5  # ratio of the noise by second and by fourth differences: 1 for white noise, 10 and more for motion alone
 RESOLVED = 0.7
+STEPPED = 0.1  # of a converter's step, within which nine tenths of the differences lie on its multiples; a fifth of them by chance
+LATTICE = 3.5  # steps of a converter up to which differences are compared: a calibration that drifts shifts larger ones
+FINEST = 1e-6  # of a channel's span: the step of a converter of twenty bits, finer than any sensor's noise
 SMALLEST = 1e-9  # of a channel's span, below which a scatter is rounding
 
 
@@ -56,7 +61,30 @@ def series_of(record: Record, channel: Channel) -> Series:
 
 
 def least_bit(values: np.ndarray) -> float:
-    """The largest step of which all differences between values are multiples (Euclid's algorithm on floats); 0 where there is none to be seen."""
+    """The step of the converter; 0 where the values show none.
+
+    It is the largest step of which all differences between values are multiples (Euclid's algorithm on floats), or the coarser one of
+    which neighbouring samples differ by multiples: a calibration after the converter, and printed digits, shift its levels a little.
+    """
+    exact = exact_step(values)
+    return max(exact, _converter_step(values, exact))
+
+
+def measurable_noise(level: float | None, values: Sequence[np.ndarray]) -> float | None:
+    """An estimate of a channel's noise that its samples can bear: at least the rounding of its converter, step/sqrt(12); None where they show none.
+
+    ``level``: the estimate, None where there is none. ``values``: the channel's valid samples in each record. An estimate below a millionth of
+    the channel's span without a converter's step is that of a computed or smoothed channel, or of an estimator at its limit.
+    """
+    if level is None:
+        return None
+    rounding = max((least_bit(each) for each in values if each.size), default=0.0) / math.sqrt(12.0)
+    span = max((float(np.ptp(each)) for each in values if each.size), default=0.0)
+    return None if max(level, rounding) <= FINEST * span else max(level, rounding)
+
+
+def exact_step(values: np.ndarray) -> float:
+    """The largest step of which all differences between values are multiples: of a converter, or of the digits that were printed."""
     levels = np.unique(values)
     if levels.size < 2:
         return 0.0
@@ -72,6 +100,32 @@ def least_bit(values: np.ndarray) -> float:
             return bit
         bit = float(np.min(off))
     return 0.0
+
+
+def _converter_step(values: np.ndarray, exact: float) -> float:
+    """The step of which small differences of neighbouring samples are multiples within a tenth of it; 0 where there is none."""
+    sizes = np.abs(np.diff(values))
+    if sizes.size < FEWEST:
+        return 0.0
+    least = max(3.0 * exact, SMALLEST * float(np.ptp(values)))
+    moving = np.sort(sizes[sizes > least])
+    if moving.size < FEWEST:
+        return 0.0
+    starts = np.quantile(moving, (0.02, 0.1, 0.2, 0.3, 0.4, 0.5))
+    return max(_lattice_step(sizes, start) for start in starts.tolist())
+
+
+def _lattice_step(sizes: np.ndarray, step: float) -> float:
+    """The step near a first guess on whose multiples nine tenths of the smaller sizes lie; 0 where they do not."""
+    near, count = sizes, sizes
+    for _ in range(3):
+        near = sizes[sizes < LATTICE * step]
+        count = np.round(near / step)
+        if np.count_nonzero(count) < FEWEST:
+            return 0.0
+        step = float(count @ near / (count @ count))
+    several = len(np.unique(count[count > 0.0])) > 1
+    return step if several and np.mean(np.abs(near / step - count) < STEPPED) > 0.9 else 0.0
 
 
 def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -8,6 +8,9 @@ import numpy as np
 
 from ident.estimate import Estimate, FilterHistory
 from ident.statistics.local_level import levelled
+from ident.statistics.robust import robust_sigma_about_zero
+
+FAR_ABOVE = 2.0  # chosen: of a channel's own noise, from which a residual is not called noise
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,23 @@ def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
     return float(chdtrc(degrees, max(0.0, (statistic - lags) / scale + degrees)))
 
 
+def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> ResidualTest | None:
+    """A failed test where a series ``(N,)`` is far larger than its own noise: wild points are white, and no noise; None where it is not.
+
+    Its root mean square against the robust standard deviation, whose logarithm scatters by 0.93/sqrt(N) on Gaussian noise.
+    """
+    from scipy.special import erfc
+
+    series = levelled(residual[valid])
+    n = len(series)
+    usual = robust_sigma_about_zero(series) if n >= 10 else 0.0
+    ratio = float(np.sqrt(np.mean(series**2))) / usual if usual > 0.0 else 0.0
+    if ratio < FAR_ABOVE:
+        return None
+    p_value = float(erfc(np.log(ratio) * np.sqrt(n / 2.0) / 0.93))
+    return ResidualTest("size", channel, ratio, p_value, f"{ratio:.3g} times as large as its own noise: a few samples are far off")
+
+
 def innovation_size(history: FilterHistory) -> ResidualTest:
     """Summed normalised innovation squared against chi-squared, both sides: are the filter's own sigmas right?"""
     from scipy.special import chdtr, chdtrc
@@ -77,4 +97,5 @@ def residual_tests(estimate: Estimate, residuals: np.ndarray, valid: np.ndarray)
     else:
         rows = [(history.innovation[i] / history.innovation_std[i], history.valid[i]) for i in range(len(history.innovation))]
     tests = [ljung_box(row, mask, name) for (row, mask), name in zip(rows, estimate.output_names, strict=True) if np.any(mask)]
+    tests += [found for (row, mask), name in zip(rows, estimate.output_names, strict=True) if (found := residual_size(row, mask, name)) is not None]
     return tuple(tests) if history is None else (*tests, innovation_size(history))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.recording.series import measurable_noise
 from ident.statistics.coloured_covariance import autocovariance
 from ident.statistics.residuals import ResidualTest
 from ident.statistics.sensor_noise import sensor_noise, used_runs
@@ -80,14 +81,14 @@ def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
 def noise_floors(fitted: Sequence[FittedRecord], tests: Sequence[ResidualTest], levels: Mapping[str, float]) -> dict[str, float]:
     """Sensor noise by channel: the fit's own ``levels`` where its residual is white, else that of the residual's high frequencies.
 
-    A residual that tells none keeps its level; no noise is larger than it.
+    A residual that shows none keeps its level; no noise is larger than it, or smaller than the rounding of the channel's converter.
     """
     coloured = {test.channel.partition(",")[0] for test in tests if not test.passed}
     out = dict(levels)
     for name in coloured & set(levels):
         parts = [_part(item, name) for item in fitted if name in item.channels and name in item.record.output_names]
         runs = [run for part in parts for run in used_runs(part.item.record.time, part.residual, part.used)]
-        found = sensor_noise(runs)
+        found = measurable_noise(sensor_noise(runs), [part.item.record[name].values[part.item.record[name].valid] for part in parts])
         out[name] = min(levels[name], found) if found is not None else levels[name]
     return out
 

@@ -25,6 +25,7 @@ from sim.record import Record
 FOLLOWED = 10.0  # e-foldings up to which a record is followed whole: with 15 and a faint motion fits take 50 steps, cut in two they take 4
 PIECE = 8.0  # e-foldings of a piece at most, of a record that is not; sigmas grow by a tenth at most, with 6 by half
 FEWEST = 50  # samples of a piece, which has five unknowns or more of its own
+SAME = 0.1  # of log likelihood, by which two fits in one minimum may differ
 RUNAWAY = 10.0  # rms of a residual, in those of the channel about its mean, from which a simulation has run away; one at rest leaves about 1
 
 
@@ -43,6 +44,51 @@ def fit_from_best_start(layout: FitLayout) -> Fit | None:
             return first
         return _better([first], from_regression(layout))
     return _better([], from_regression(layout), iter([layout]))
+
+
+def fits_at_their_least(first: FitLayout, second: FitLayout) -> tuple[Fit | None, Fit | None]:
+    """Output-error fits of two models of the same records, each at the least minimum that any start of either leads to.
+
+    Each is fitted from the declared values and from where the other one has ended: a fit in a minimum beside the least one would say more of
+    its start than of its model. Where one has settled for more than it need, equation error gives a further start to both.
+    None for a model of which no start has a finite cost.
+    """
+    old, new = fit_from_best_start(first), fit_from_best_start(second)
+    if not first.shared or first.prior is not None or second.prior is not None:
+        return old, new
+    begun = old, new
+    old = _least(old, [_started(first, _values(new))] if new is not None else [])
+    new = _least(new, [_started(second, _values(old))] if old is not None else [])
+    if _settled(begun[0], old) and _settled(begun[1], new):
+        return old, new
+    for each in from_regression(first):
+        regressed = dict(zip(each.shared, each.start.tolist(), strict=False))
+        old, new = _least(old, [_started(first, regressed)]), _least(new, [_started(second, regressed)])
+    return old, new
+
+
+def _settled(begun: Fit | None, best: Fit | None) -> bool:
+    """Whether a fit was at its least minimum already."""
+    return begun is best or (begun is not None and best is not None and begun.cost - best.cost <= max(best.layout.settings.enough, SAME))
+
+
+def _least(found: Fit | None, starts: Sequence[FitLayout]) -> Fit | None:
+    """Of a fit and those from further starts the one of least cost."""
+    fits = [found, *(fit_whole_records(FitProblem(each)) if quiet(each) else fit_unstable(each) for each in starts)]
+    known = [fit for fit in fits if fit is not None and np.isfinite(fit.cost)]
+    return min(known, key=lambda fit: fit.cost, default=None)
+
+
+def _values(fit: Fit) -> dict[str, float]:
+    return dict(zip(fit.layout.shared, fit.theta.tolist(), strict=False))
+
+
+def _started(layout: FitLayout, values: Mapping[str, float]) -> FitLayout:
+    """The layout with other starts of those shared parameters that have a value."""
+    start = layout.start.copy()
+    for i, name in enumerate(layout.shared):
+        start[i] = np.clip(values.get(name, start[i]), layout.low[i], layout.high[i])
+    return replace(layout, start=start)
 
 
 def in_pieces(

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.result import Compatibility, CompatibilitySettings, SensorFinding
+from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, SensorFinding
 from ident.compatibility.signals import measured_channels
 from ident.compatibility.six_degrees.channels import CHANNELS, WRAPPED, recorded
 from ident.recording.finding import Expectations
+from ident.recording.series import measurable_noise
 from scenarios.files.channel_names import STICK, TIME
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile, all_simulated, identities, read_record_files, refuse_twice, with_names
@@ -23,6 +24,7 @@ from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_
 from scenarios.preparation.request import Request, column_choices
 from sim.declaration.parameters import AIRSPEEDS
 from sim.errors import RecordError
+from sim.maths.constants import G0
 from sim.record import Channel, Record
 
 INPUTS = ("elevator", STICK, "aileron", "rudder")
@@ -68,6 +70,16 @@ def equivalent_constant(check: Check, finding: SensorFinding) -> str:
             instead = f"{word} = {value * finding.value**power:.4g} {unit} in place of {value:.4g}" if known else f"another {word} than {value:.4g}"
             return f"{instead} in {check.vehicle.name} would explain it as well"
     return ""
+
+
+def noise_levels(check: Check, result: CheckResult | None = None) -> dict[str, float | None]:
+    """Noise by channel (SI) of all records together or of one ``result``, None where the records do not show it; nz may come from az."""
+    out: dict[str, float | None] = {}
+    for name, level in (result or check.result.joint).noise_std.items():
+        source, factor = ("az", 1.0 / G0) if name == "nz" and not any(name in record.output_names for record in check.records) else (name, 1.0)
+        known = [record[source] for record in check.records if source in record.output_names]
+        out[name] = measurable_noise(level, [factor * channel.values[channel.valid] for channel in known])
+    return out
 
 
 def check_files(request: Request) -> Check:

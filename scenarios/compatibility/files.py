@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.compatibility.result import CheckResult, Quantity, SensorEstimate, SensorFinding
-from scenarios.compatibility.check import Check, equivalent_constant
+from scenarios.compatibility.check import Check, equivalent_constant, noise_levels
 from scenarios.compatibility.page import check_page
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
@@ -44,8 +44,8 @@ def check_content(check: Check) -> dict[str, Any]:
         "channels": list(result.channels),
         "relations": {name: list(joined) for name, joined in result.relations.items()},
         "constants": constants | ({"airspeed": check.settings.airspeed} if check.settings.airspeed is not None else {}),
-        "joint": _result(result.joint),
-        "single": [_result(item) for item in result.single],
+        "joint": _result(check, result.joint),
+        "single": [_result(check, item) for item in result.single],
         "findings": [_finding(item) for item in result.findings if item.stands],
         "cannot_tell": list(result.cannot_tell),
         "warnings": [*check.look.doubts, *check.look.set_aside, *_equivalents(check)],
@@ -66,13 +66,13 @@ def _equivalents(check: Check) -> list[str]:
     return [f"{name}: {said}" for name, said in found if said]
 
 
-def _result(result: CheckResult) -> dict[str, Any]:
+def _result(check: Check, result: CheckResult) -> dict[str, Any]:
     return {
         "records": list(result.records),
         "estimates": {item.name: _estimate(item) for item in result.estimates},
         "biases": {item.name: _estimate(item) for item in result.biases},
         "tested": [_finding(item) for item in result.findings],
-        "noise_std": dict(result.noise_std),
+        "noise_std": {name: level for name, level in noise_levels(check, result).items() if level is not None},
     }
 
 

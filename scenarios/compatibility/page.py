@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from ident.compatibility.six_degrees.channels import CHANNELS
-from scenarios.compatibility.check import Check
+from scenarios.compatibility.check import Check, noise_levels
 from scenarios.compatibility.text import finding_lines, print_by_record, print_estimates, unit_of
 from scenarios.pages.folder import figures
 from scenarios.pages.model import Block, Bullets, Column, Page, Prose, Table, section
@@ -63,7 +63,7 @@ def _estimates(check: Check) -> list[Block]:
     if several:
         units = {item.name: item.unit for item in result.joint.estimates}
         blocks += printed_blocks(partial(print_by_record, single=result.single, joint=result.joint), units)
-    noise = {name: (float(std), unit_of(check, name)) for name, std in result.joint.noise_std.items()}
+    noise = {name: (std, unit_of(check, name)) for name, std in noise_levels(check).items() if std is not None}
     caption = "Noise, one sigma; of what is integrated as its integral shows it"
     return [*blocks, Prose("Gain of the log likelihood by this fault alone.", "note"), levels_of_noise(caption, noise)]
 

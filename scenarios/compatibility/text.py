@@ -8,7 +8,7 @@ from rich.console import Console
 
 from ident.compatibility.faults import PACKAGE, VANES
 from ident.compatibility.result import CheckResult, SensorEstimate, SensorFinding
-from scenarios.compatibility.check import Check, equivalent_constant
+from scenarios.compatibility.check import Check, equivalent_constant, noise_levels
 from scenarios.preparation.record_words import record_lines
 from scenarios.terminal.display_units import shown_in, spaced, unit_cell
 from scenarios.terminal.numbers import console, number
@@ -71,7 +71,7 @@ def check_summary(check: Check, details: str = BELOW) -> Summary:
 
 
 def _noise(check: Check) -> str:
-    return ", ".join(_level(name, std, unit_of(check, name)) for name, std in check.result.joint.noise_std.items())
+    return ", ".join(_level(name, std, unit_of(check, name)) for name, std in noise_levels(check).items())
 
 
 def finding_lines(check: Check) -> list[str]:
@@ -176,6 +176,8 @@ def _value(row: SensorEstimate, value: float, std: float) -> str:
     return number(factor * value, factor * std) if row.told else "-"
 
 
-def _level(name: str, std: float, unit: str) -> str:
+def _level(name: str, std: float | None, unit: str) -> str:
+    if std is None:
+        return f"{name} not measurable from these records"
     factor, shown = shown_in(unit, name)
     return f"{name} {factor * std:.3g}{spaced(shown)}"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import RecordFile, read_with_validation, refuse_twice
@@ -13,10 +15,13 @@ from scenarios.files.vehicles import VehicleFile, read_beside, read_vehicle, ref
 from scenarios.identification.assessment.intervals import SETTLED
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.identify import identify
-from scenarios.identification.input_reading import opposite, other_reading
+from scenarios.identification.input_reading import WORDS, OtherReading, opposite, other_reading
 from scenarios.identification.methods import FILTERS, METHODS, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
+from scenarios.identification.wild_points import wild_points, with_wild_points, without
 from scenarios.preparation.cruise import cruise_caution
+from scenarios.preparation.interpreting import BETTER, held_by_computer, likelier_by
+from scenarios.preparation.plan import BY_HAND
 from scenarios.preparation.plausibility import refuse_still, refuse_strangers, refuse_unpredictable
 from scenarios.preparation.reading import prepare
 from scenarios.preparation.request import Request, column_choices, flown_of
@@ -74,7 +79,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
 
     ready, found = identified(request.plan, options)
     if method not in FILTERS and found.record.inputs and request.plan.hold is None and not any(file.sidecar.says_hold for file in files):
-        found = _read_otherwise(found, lambda hold: identified(replace(request.plan, hold=hold), replace(options, profile=None))[1])
+        ready, found = _read_otherwise(ready, found, lambda hold, asked: identified(replace(request.plan, hold=hold), asked), options)
     found = replace(found, notes=(*read_beside([*files, *validation], beside), *found.notes))
     return Identified(found, flown, ready.measured, files, validation, request.plan)
 
@@ -100,17 +105,77 @@ def _identified(
     if method in FILTERS and others and len(files[0]) * len(plan.segments) == 1:
         first, others = max((first, *others), key=len), []
         notes = (*notes, f"a filter runs along one part of a record: the longest, {first.name}, is used")
-    found = identify(first, vehicle, method, others, ready.model, ready.validation, asked)
+
+    def fitted(records: Sequence[Record]) -> Identification:
+        return identify(records[0], vehicle, method, records[1:], ready.model, ready.validation, asked)
+
+    found, masks = _without_wild_points(fitted, (first, *others), trusted=plan.trusted or method == FREQUENCY)
+    look = with_wild_points(ready.look, (first, *others), masks)
+    by_name = {record.name: some for record, some in zip((first, *others), masks, strict=True)}
+    measured = tuple(without(record, by_name.get(record.name, {})) for record in ready.measured)
     cruise = cruise_caution(ready.measured, files[0][0].identity.name)
     doubts = (*ready.doubts, *([cruise] if cruise else []))
-    return ready, replace(found, notes=(*notes, *found.notes), doubts=doubts, look=ready.look)
+    return replace(ready, measured=measured), replace(found, notes=(*notes, *found.notes), doubts=doubts, look=look)
 
 
-def _read_otherwise(found: Identification, again: Callable[[Hold], Identification]) -> Identification:
-    """The identification with what the other reading of its inputs changes, where it says anything."""
+def _without_wild_points(
+    fitted: Callable[[Sequence[Record]], Identification], records: Sequence[Record], *, trusted: bool
+) -> tuple[Identification, list[dict[str, np.ndarray]]]:
+    """A fit less isolated wrong samples, and these by record and channel; looked for again among all samples once they no longer bend the fit."""
+    found = fitted(records)
+    masks: list[dict[str, np.ndarray]] = [{} for _ in records]
+    for _ in range(0 if trusted else 2):
+        again = wild_points(found, records)
+        if _same(again, masks):
+            break
+        masks = again
+        found = fitted([without(record, some) for record, some in zip(records, masks, strict=True)])
+    return found, masks
+
+
+def _same(some: Sequence[dict[str, np.ndarray]], others: Sequence[dict[str, np.ndarray]]) -> bool:
+    """Whether two lists of masks name the same samples."""
+    pairs = zip(some, others, strict=True)
+    return all(a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a) for a, b in pairs)
+
+
+def _read_otherwise(
+    ready: Prepared, found: Identification, again: Callable[[Hold, Options], tuple[Prepared, Identification]], options: Options
+) -> tuple[Prepared, Identification]:
+    """The identification under the reading of its inputs that the data choose, with what the other one changes where they do not choose.
+
+    The first reading was chosen by short fits, before wild points were set aside; inputs that a computer steps stay held.
+    """
     used = found.record.hold
-    other = again(opposite(used))
+    other_ready, other = again(opposite(used), replace(options, profile=None))
     if any(each.estimate.outcome not in SETTLED for each in (found, other)):
-        return found
-    gain = 2.0 * (other.estimate.log_likelihood - found.estimate.log_likelihood)
-    return replace(found, reading=other_reading(used, found.rows, other.rows, gain))
+        return ready, found
+    gain = _gain(found, other)
+    if gain >= BETTER and not all(held_by_computer(record) for record in (found.record, *found.others)):
+        if options.profile is not None:
+            other_ready, other = again(opposite(used), options)
+        decision = OtherReading(opposite(used), used, (), -gain).decision
+        chosen = f"inputs {WORDS[opposite(used)]} between samples: {BY_HAND}"
+        notes = tuple(decision if note == chosen else note for note in other.notes)
+        return other_ready, replace(other, decided=other_reading(opposite(used), other.rows, found.rows, -gain), notes=notes)
+    reading = other_reading(used, found.rows, other.rows, gain)
+    if reading is not None and reading.decided:
+        said = [note for note in found.notes if note.startswith(f"inputs {WORDS[used]} between samples")]
+        return ready, replace(found, decided=reading, notes=found.notes if said else (*found.notes, reading.decision))
+    return ready, replace(found, reading=reading)
+
+
+def _gain(found: Identification, other: Identification) -> float:
+    """Twice the log likelihood by which the simulations of another identification of the same records fit them better."""
+    pairs = [pair for pair in zip(found.fits, other.fits, strict=True) if not pair[0].held_out]
+    if not pairs or any(fit.figures is None for pair in pairs for fit in pair):
+        return 2.0 * (other.estimate.log_likelihood - found.estimate.log_likelihood)
+    residuals: tuple[list[np.ndarray], list[np.ndarray]] = [], []
+    known = []
+    for pair in pairs:
+        measured, valid = pair[0].record.output_array(pair[0].outputs)
+        sound = valid & np.isfinite(pair[0].simulated) & np.isfinite(pair[1].simulated)
+        known.append(sound)
+        for some, fit in zip(residuals, pair, strict=True):
+            some.append(np.where(sound, measured - fit.simulated, 0.0))
+    return likelier_by(*residuals, known)

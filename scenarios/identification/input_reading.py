@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from scenarios.preparation.interpreting import BETTER
 from scenarios.studies.rows import Row
 from scenarios.terminal.numbers import number
 from scenarios.terminal.tables import Column, columns_of
@@ -20,13 +21,25 @@ class OtherReading:
     """What the other reading of the inputs gives.
 
     ``used`` and ``other`` are the two readings; ``moved`` pairs of rows (as used, as read otherwise) of derivatives that differ by more than a
-    sigma of the first; ``gain`` twice the log likelihood by which the other fits better, negative where it fits worse.
+    sigma of the first; ``gain`` twice the log likelihood by which the other fits better, negative where it fits worse, in samples that count
+    as independent.
     """
 
     used: Hold
     other: Hold
     moved: tuple[tuple[Row, Row], ...]
     gain: float
+
+    @property
+    def decided(self) -> bool:
+        """Whether the data say that the reading used is the right one."""
+        return self.gain <= -BETTER
+
+    @property
+    def decision(self) -> str:
+        """The reading that the data chose, and by how much."""
+        worse = f"{WORDS[self.other]} ones fit worse (twice the log likelihood {self.gain:.1f})"
+        return f"inputs {WORDS[self.used]} between samples: {worse}; --hold {self.other.value} reads them the other way"
 
     @property
     def sentence(self) -> str:

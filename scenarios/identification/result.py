@@ -27,7 +27,8 @@ class Identification:
 
     ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared and the fit was made,
     ``doubts`` what in the files is likely to be wrong, ``cautions`` what in the result is, ``look`` what the raw columns show. ``reading``: what
-    the other way to read inputs between samples changes, None where nothing is moved by more than a sigma or where it was not asked.
+    the other way to read inputs between samples changes, None where nothing is moved by more than a sigma or where it was not asked;
+    ``decided`` the same where the data choose between the two.
     ``modes``: numbers of the modes from which levels of flying qualities follow, None where there are none. ``system``: the compiled model.
     ``tied``: parameters that follow others; ``at_bounds`` those that ended at a bound and are not among ``rows``. ``intervals`` by profile
     likelihood, where they were asked. ``fits``: each record simulated with the estimate, those held out last. ``band``: Hz, of a fit in
@@ -49,6 +50,7 @@ class Identification:
     doubts: tuple[str, ...] = ()
     cautions: tuple[str, ...] = ()
     reading: OtherReading | None = None
+    decided: OtherReading | None = None
     look: RawLook = NOTHING_SEEN
     modes: Characteristics | None = None
     system: System | None = None

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ident.statistics.coloured_covariance import effective_share
-from ident.whole_record.fit_problem import FitProblem
-from ident.whole_record.gauss_newton import Fit, fit_whole_records
-from ident.whole_record.layout import FitSettings, lay_out
+from ident.tracing.spikes.detection import input_edges, isolated_wrong
+from ident.whole_record.best_start import fits_at_their_least
+from ident.whole_record.gauss_newton import Fit
+from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from scenarios.preparation.vehicle_model import outputs_with_bias, step_for
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
@@ -31,25 +32,62 @@ def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: fl
 
     Zero where one cannot be fitted or has no fewer unknowns than samples, and where a record by itself speaks against the sum of all: an
     effect that the model lacks may favour the wrong reading in one maneuver, a right one is right in all. Zero too where no
-    channel's residual falls by the share ``least``. ``local`` are parameters of which each record has its own.
+    channel's residual falls by the share ``least``. ``local`` are parameters of which each record has its own. Isolated wrong samples, which would
+    outweigh all others in either residual, are left out.
     """
     if any(np.max(np.abs(channel.values)) > BEYOND for record in first[1] for channel in record.channels):
         return 0.0  # no measurement; whoever fits it says so
-    old, new = _fit(first, outputs, local), _fit(second, outputs, local)
+    old, new = fits_at_their_least(_layout(first, outputs, local), _layout(second, outputs, local))
+    wild = _wild(old, new)
+    if any(np.any(mask) for mask in wild):
+        first, second = (
+            (model, [_without(record, outputs, mask) for record, mask in zip(some, wild, strict=True)]) for model, some in (first, second)
+        )
+        old, new = fits_at_their_least(_layout(first, outputs, local), _layout(second, outputs, local))
     if old is None or new is None or not np.all(np.isfinite([*old.variance, *new.variance])) or min(*old.variance, *new.variance) <= 0.0:
         return 0.0
     if any(fit.counts.sum() <= len(fit.theta) for fit in (old, new)):
         return 0.0  # as many unknowns as samples: both readings fit, and what is left is rounding
     if np.min(new.variance / old.variance) > (1.0 - least) ** 2:
         return 0.0
-    total = np.zeros(len(old.layout.problems))
-    for i in range(len(old.variance)):
-        known = [problem.valid[i : i + 1] for problem in old.layout.problems]
-        share = min(effective_share([r[i : i + 1] for r in fit.residuals], known) for fit in (old, new))
-        for k, valid in enumerate(known):
-            (before, after), count = (float(np.sum(fit.residuals[k][i, valid[0]] ** 2)) for fit in (old, new)), int(np.count_nonzero(valid))
-            if count and before > 0.0 and after > 0.0:
-                total[k] += share * count * np.log(before / after)
+    known = [problem.valid for problem in old.layout.problems]
+    return likelier_by(old.residuals, new.residuals, known)
+
+
+def _wild(*fits: Fit | None) -> list[np.ndarray]:
+    """Isolated wrong samples of each record by either fit, ``(m, N)``; none where a fit is missing."""
+    known = [fit for fit in fits if fit is not None and all(np.all(np.isfinite(each)) for each in fit.residuals)]
+    if len(known) < len(fits):
+        return []
+    problems = known[0].layout.problems
+    out = [np.zeros_like(problem.valid) for problem in problems]
+    edges = [input_edges(problem.record) for problem in problems]
+    for fit in known:
+        for i in np.flatnonzero([any(np.any(problem.valid[row]) for problem in problems) for row in range(len(out[0]))]):
+            wrong = isolated_wrong([each[i] for each in fit.residuals], [problem.valid[i] for problem in problems], edges)
+            for mask, found in zip(out, wrong, strict=True):
+                mask[i] |= found
+    return out
+
+
+def _without(record: Record, outputs: Sequence[str], wrong: np.ndarray) -> Record:
+    masks = {name: row for name, row in zip(outputs, wrong, strict=True) if np.any(row)}
+    return replace(record, outputs=tuple(replace(c, valid=c.valid & ~masks[c.name]) if c.name in masks else c for c in record.outputs))
+
+
+def likelier_by(before: Sequence[np.ndarray], after: Sequence[np.ndarray], known: Sequence[np.ndarray]) -> float:
+    """Twice the log likelihood by which the second residuals are likelier than the first, in effective samples; zero where records contradict.
+
+    Residuals and their validity are ``(m, N)`` a record; each output has one noise level.
+    """
+    total = np.zeros(len(known))
+    for i in range(len(known[0])):
+        valid = [each[i : i + 1] for each in known]
+        share = min(effective_share([r[i : i + 1] for r in residuals], valid) for residuals in (before, after))
+        for k, (row,) in enumerate(valid):
+            (old, new), count = (float(np.sum(residuals[k][i, row] ** 2)) for residuals in (before, after)), int(np.count_nonzero(row))
+            if count and old > 0.0 and new > 0.0:
+                total[k] += share * count * np.log(old / new)
     found = float(np.sum(total))
     return 0.0 if np.min(total * np.sign(found)) < -AGAINST else found
 
@@ -81,11 +119,11 @@ def linear_by(records: Sequence[Record], model: Model, read: Callable[[Model, li
     return better_by(read(model, with_hold(some, Hold.PREVIOUS)), read(model, with_hold(some, Hold.LINEAR)), outputs) if outputs else 0.0
 
 
-def _fit(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> Fit | None:
+def _layout(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> FitLayout:
     model, records = reading
     biased = model.with_biases(outputs_with_bias(model, outputs))
     settings = replace(SETTINGS, max_step=step_for(model, records, SETTINGS.max_step))
-    return fit_whole_records(FitProblem(lay_out(records, compile_model(biased, list(outputs)), settings, local=local)))
+    return lay_out(records, compile_model(biased, list(outputs)), settings, local=local)
 
 
 def _outputs(records: Sequence[Record], model: Model) -> list[str]:

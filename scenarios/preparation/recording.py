@@ -72,6 +72,8 @@ def expectations_of(model: Model) -> Expectations:
     p = model.parameters
     speed = next((p[name].value for name in AIRSPEEDS if name in p), None)
     gravity = p["gravity"].value if "gravity" in p else G0
+    if "density_scale_height" in p:
+        return Expectations(speed, gravity, scale_height=p["density_scale_height"].value)
     if "M_delta" in p:
         return Expectations(speed, gravity, p["M_delta"].value)
     if speed is not None and all(name in p for name in ("air_density", "wing_area", "chord", "pitch_inertia", "Cm_de")):
@@ -126,7 +128,7 @@ def _acted_on(record: Record, finding: Finding, plan: Plan) -> tuple[Record, See
         return record, Seen(record.name, finding, WARNED)
     channel = record[finding.channel]
     mask = finding.mask & channel.valid
-    if finding.kind is Kind.HELD and (plan.rate is not None or plan.lowpass is not None):
+    if finding.kind in (Kind.HELD, Kind.INTERPOLATED) and (plan.rate is not None or plan.lowpass is not None):
         # A filter needs every sample: straight lines between updates are what it is given anyway.
         fresh = channel.valid & ~mask
         values = np.interp(record.time, record.time[fresh], channel.values[fresh])

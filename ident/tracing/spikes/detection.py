@@ -16,6 +16,8 @@ from ident.statistics.robust import robust_sigma
 from ident.tracing import thresholds
 from sim.record import Record
 
+FEWEST_AT_EDGES = 9  # samples near the edges of an input, three of which are one edge
+
 
 @dataclass(frozen=True)
 class Spikes:
@@ -63,6 +65,33 @@ def final_spikes(
             if samples.size:
                 claims.append(Spikes(r, channel, tuple(samples.tolist()), tuple(residual[i][samples].tolist())))
     return masks, claims
+
+
+def isolated_wrong(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray], edges: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """True at the isolated wrong samples of one channel in each record, ``(N,)``, from the residuals of a fit that may lack something.
+
+    A sample that is alone above its neighbours, as while searching, or above the residual, as at the end; none where the residual has heavy
+    tails. Near the ``edges`` of an input, where a model that lacks something is off every time, it is compared with the other edges.
+    """
+    away = [from_neighbours(residual, known) for residual, known in zip(residuals, valid, strict=True)]
+    wrong = [np.zeros(len(residual), dtype=bool) for residual in residuals]
+    for series, times in ((away, thresholds.SPIKE_WHILE_SEARCHING), (residuals, thresholds.SPIKE_AT_THE_END)):
+        pooled = np.concatenate([some[known] for some, known in zip(series, valid, strict=True)])
+        sigma = robust_sigma(pooled)
+        if sigma == 0.0 or _heavy_tailed(pooled / sigma):
+            continue
+        wrong = [
+            found | (_isolated(known & (np.abs(some) > times * sigma)) & ~near)
+            for found, some, known, near in zip(wrong, series, valid, edges, strict=True)
+        ]
+        at_edges = np.concatenate([some[known & near] for some, known, near in zip(series, valid, edges, strict=True)])
+        if at_edges.size < FEWEST_AT_EDGES:
+            continue
+        largest = float(np.max(np.abs(at_edges)))
+        others = float(np.sqrt((np.sum(at_edges**2) - largest**2) / (at_edges.size - 1)))
+        if largest > times * max(others, sigma):
+            wrong = [found | (known & near & (np.abs(some) >= largest)) for found, some, known, near in zip(wrong, series, valid, edges, strict=True)]
+    return wrong
 
 
 def input_edges(record: Record, reach: int = 1) -> np.ndarray:

@@ -90,7 +90,7 @@ def identification_content(found: Identification, files: Sequence[InputFile], fl
         **intervals_content(found.intervals),
         **fits_content(found.fits),
         **({"segments": [[float(r.time[0]), float(r.time[-1])] for r in (found.record, *found.others)]} if found.others else {}),
-        **({"input_reading": reading_content(found.reading)} if found.reading else {}),
+        **({"input_reading": reading_content(reading)} if (reading := found.reading or found.decided) else {}),
         "warnings": [*found.doubts, *found.cautions, *([found.reading.sentence] if found.reading else []), *found.look.set_aside],
         "notes": list(found.notes),
         "record": record_content(found.look),

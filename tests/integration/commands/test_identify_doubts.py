@@ -14,7 +14,7 @@ from sim.declaration.compile import compile_model
 from tests.bases import fly, rigid_flight, rigid_model
 from tests.independent.short_period import BUSINESS_JET, Hidden, flown
 from tests.integration.command_line import CommandLine
-from tests.jet_record import LONG, recorded, vehicle_file
+from tests.jet_record import LONG, NOISE, recorded, vehicle_file
 from tests.rigid_problem import noisy
 from tests.unstable_flight import DERIVATIVES, FIGHTER, flown_in_a_loop
 
@@ -42,8 +42,22 @@ def test_both_readings_of_the_inputs_are_shown_where_they_differ(flightid: Comma
             assert entry[hold]["estimate"] == pytest.approx(shown["estimate"], rel=1e-9) and entry[hold]["std"] == pytest.approx(
                 shown["std"], rel=1e-9
             )
-    assert "derivative" in told and "moved by" in told and "another value with inputs held between samples" in " ".join(told.split())
+    # The data decide: one sentence, no table of what the wrong reading gives, no warning.
+    assert "moved by" not in told and "another value" not in " ".join(told.split())
+    assert content["warnings"] == [] and sum("inputs linear between samples" in note for note in content["notes"]) == 1
+
+
+def test_readings_that_the_data_do_not_distinguish_are_shown_in_a_table(flightid: CommandLine, tmp_path: Path) -> None:
+    """Under fifty times the noise the likelihood does not choose, while the reading moves derivatives by more than a sigma."""
+    vehicle_file(tmp_path / "v.toml", BUSINESS_JET)
+    path = recorded(tmp_path / "flight.csv", Hidden(), every=40)
+    rows, rng = np.loadtxt(path, delimiter=",", skiprows=1), np.random.default_rng(2)
+    rows[:, 2:] += 50.0 * np.array([*NOISE.values()])[:3] * rng.standard_normal((len(rows), 3))
+    np.savetxt(path, rows, delimiter=",", header="time,elevator,alpha,q,nz", comments="", fmt="%.12g")
+    told, content = identified(flightid, tmp_path, path)
+    assert "derivative" in told and "moved by" in told and "another value with inputs" in " ".join(told.split())
     assert any("another value" in warning for warning in content["warnings"])
+    assert abs(2.0 * content["input_reading"]["log_likelihood_gain"]) < 10.0
 
 
 def test_nothing_is_said_of_readings_that_do_not_matter(flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path) -> None:

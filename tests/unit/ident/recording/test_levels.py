@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,7 +17,9 @@ from ident.recording.inspection import inspect
 from ident.recording.noise_level import _loud
 from ident.recording.zero_steps import _jumps
 from sim.record import Channel, Record
-from tests.recorded_flight import SIGMAS, Aircraft, altered, flight
+from tests.recorded_flight import SIGMAS, UNITS, Aircraft, altered, flight
+
+SHARED = Path(__file__).parents[5] / "shared"
 
 
 @pytest.fixture(scope="module")
@@ -163,3 +167,54 @@ def test_a_load_that_nothing_recorded_is_told_from_a_zero_of_nz_by_the_path_of_a
     assert all(one.kind is not Kind.ZERO_STEP for one in inspect(pushed, craft.expected))
     (one,) = warned(altered(record, nz=lambda v: v + size * (after > 0.0)))
     assert (one.channel, one.kind) == ("nz", Kind.ZERO_STEP)
+
+
+LIGHT = Aircraft(lift=8.0, stiffness=-250.0, damping=-14.0, power=-220.0, elevator_lift=0.6, airspeed=11.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("kind", ["3211", "doublets"])
+def test_a_maneuver_as_quick_as_the_samples_is_no_noise(seed: int, kind: str) -> None:
+    """A light model aircraft of 16 rad/s at 10 Hz, which moves at the begin and rests afterwards."""
+    record = flight(np.random.default_rng(seed), LIGHT, kind, rate=10.0, duration=4.0, size=0.07)
+    rest = flight(np.random.default_rng(seed + 100), LIGHT, "rest", rate=10.0, duration=11.0)
+    time = 0.1 * np.arange(len(record) + len(rest))
+    joined = [Channel.of(a.name, a.unit, np.concatenate([a.values, b.values])) for a, b in zip(record.channels, rest.channels, strict=True)]
+    assert all(one.kind is not Kind.NOISE_LEVEL for one in inspect(Record(time, (joined[0],), tuple(joined[1:])), LIGHT.expected))
+
+
+def test_a_rate_that_makes_a_late_angle_rough_is_no_noise() -> None:
+    """An attitude read up to half a sample late is rough as its rate is: at the turns, not at rest."""
+    rng, time = np.random.default_rng(4), 0.04 * np.arange(750)
+    rate = np.where((time > 8.0) & (time < 16.0), 0.5 * np.sin(2.0 * math.pi * 0.25 * (time - 8.0)), 0.0)
+    angle = np.cumsum(rate) * 0.04 + rate * 0.02 * rng.uniform(-1.0, 1.0, len(time)) + 1e-4 * rng.standard_normal(len(time))
+    assert all(one.kind is not Kind.NOISE_LEVEL for one in inspect(Record(time, (), (Channel.of("phi", "rad", angle),))))
+
+
+def test_roughness_that_outputs_share_is_the_air_and_that_of_one_is_its_sensor(sound: Record) -> None:
+    rng, loud = np.random.default_rng(5), (sound.time > 10.0) & (sound.time < 15.0)
+    louder = {name: lambda v, sigma=SIGMAS[name]: v + 6.0 * sigma * rng.standard_normal(len(v)) * loud for name in ("alpha", "q", "nz")}
+    assert all(one.kind is not Kind.NOISE_LEVEL for one in inspect(altered(sound, **louder)))
+    (one,) = [each for each in inspect(altered(sound, q=louder["q"])) if each.kind is Kind.NOISE_LEVEL]
+    assert one.channel == "q"
+
+
+def test_the_reported_maneuver_is_no_noise() -> None:
+    path = SHARED / "cases" / "maneuver-as-noise" / "small.csv"
+    if not path.is_file():
+        pytest.skip("the reported record is not here")
+    time, elevator, *columns = np.loadtxt(path, delimiter=",", skiprows=1).T
+    outputs = tuple(Channel.of(name, UNITS[name], values) for name, values in zip(("alpha", "q", "nz"), columns, strict=True))
+    assert all(one.kind is not Kind.NOISE_LEVEL for one in inspect(Record(time, (Channel.of("elevator", "rad", elevator),), outputs)))
+
+
+@pytest.mark.parametrize("name", ["fAttasAil1", "fAttasRud1"])
+def test_a_measured_bank_angle_is_neither_stuck_nor_of_changing_noise(name: str) -> None:
+    path = SHARED / "flightdata" / "aircraft" / f"{name}.mat"
+    if not path.is_file():
+        pytest.skip("the measured record is not here")
+    content = scipy.io.loadmat(path)
+    table = next(value for key, value in content.items() if not key.startswith("_"))
+    outputs = tuple(Channel.of(channel, "rad", np.radians(table[:, column])) for channel, column in (("p", 6), ("r", 8), ("phi", 9), ("beta", 13)))
+    record = Record(table[:, 0], (Channel.of("rudder", "rad", np.radians(table[:, 29])),), outputs)
+    assert all(one.certainty is Certainty.NOTED for one in inspect(record)), [(one.channel, one.sentence) for one in inspect(record)]

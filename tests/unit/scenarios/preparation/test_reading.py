@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -106,6 +107,30 @@ def test_the_data_tell_linear_from_held(seed: int, tmp_path: Path, linear: Falli
         ready = prepare(read_record_files([path]), declared(), Plan())
         assert ready.fitted[0].hold is due
         assert any("inputs linear between samples" in note and "--hold previous" in note for note in ready.notes) == (due is Hold.LINEAR)
+
+
+@pytest.mark.parametrize("factors", [{"Cm_alpha": -1.0}, {"Cm_alpha": -3.0}, {"Cm_q": -1.0}, {"Cm_alpha": -1.0, "Cm_q": -1.0}])
+@pytest.mark.parametrize("seed", range(2))
+def test_starting_values_do_not_turn_the_reading(seed: int, factors: dict[str, float], linear: FallingSpeed, held: FallingSpeed) -> None:
+    """Starts of the other sign lead single fits into minima beside the least one; the comparison is of the least ones."""
+    values = {name: factor * declared().parameters[name].value for name, factor in factors.items()}
+    led_astray = declared().with_parameters(declared().parameters.with_values(values))
+    for flown, linear_is_right in ((linear, True), (held, False)):
+        record = record_of(flown, rng=np.random.default_rng(seed))
+        right = linear_by([record], declared(), with_flow)
+        assert (right > 10.0) is linear_is_right
+        assert linear_by([record], led_astray, with_flow) == pytest.approx(right, abs=2.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_wild_points_do_not_turn_the_reading(seed: int, linear: FallingSpeed, held: FallingSpeed) -> None:
+    for flown, linear_is_right in ((linear, True), (held, False)):
+        record = record_of(flown, rng=np.random.default_rng(seed))
+        values = record["alpha"].values.copy()
+        values[[101, 402, 733]] += np.array([0.3, -0.4, 0.3])
+        wild = replace(record, outputs=tuple(c.of(c.name, c.unit, values) if c.name == "alpha" else c for c in record.outputs))
+        gain = linear_by([wild], declared(), with_flow)
+        assert (gain > 10.0) is linear_is_right and gain == pytest.approx(linear_by([record], declared(), with_flow), rel=0.1, abs=2.0)
 
 
 def test_a_sidecar_and_the_user_decide_before_the_data(tmp_path: Path, linear: FallingSpeed) -> None:

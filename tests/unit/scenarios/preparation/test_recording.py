@@ -100,4 +100,4 @@ def test_what_a_model_lets_one_expect() -> None:
     assert rigid.airspeed == 110.0 and rigid.angular_control
     falling = {"air_density_reference": 1.225, "density_scale_height": 7160.0, "gravity": 9.79}
     body = expectations_of(model_from_constants("ballistic", falling, {"beta": 400.0}))
-    assert body == Expectations(None, 9.79)
+    assert body == Expectations(None, 9.79, scale_height=7160.0)
