@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from ident.estimate import Outcome
 from scenarios.files.measured.record_file import RecordFile, read_record_file
 from scenarios.files.writing import write_record
 from scenarios.identification import from_files
@@ -54,8 +55,8 @@ def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
     seen = Spy()
     monkeypatch.setattr(from_files, "_identified", seen)
 
-    def read_otherwise(found: Any, again: Any) -> Any:
-        return again(Hold.LINEAR if found.record.hold is Hold.PREVIOUS else Hold.PREVIOUS)
+    def read_otherwise(ready: Any, found: Any, again: Any, options: Options) -> Any:
+        return again(Hold.LINEAR if found.record.hold is Hold.PREVIOUS else Hold.PREVIOUS, replace(options, profile=None))
 
     monkeypatch.setattr(from_files, "_read_otherwise", read_otherwise)
     return seen
@@ -133,3 +134,17 @@ def test_the_other_reading_is_told_where_it_moves_a_value_by_more_than_its_sigma
     if found is not None:
         assert [row.name for row, _ in found.moved] == ["L_p"] and {found.used, found.other} == set(Hold) and found.used is used
         assert "fits worse" in found.sentence and f"--hold {found.other.value}" in found.sentence
+
+
+def test_no_profile_is_made_of_the_other_reading() -> None:
+    asked: list[Options] = []
+    ended = SimpleNamespace(record=SimpleNamespace(hold=Hold.PREVIOUS), estimate=SimpleNamespace(outcome=Outcome.DIVERGED))
+
+    def again(hold: Hold, options: Options) -> Any:
+        asked.append(options)
+        assert hold is Hold.LINEAR
+        return None, ended
+
+    ready: Any = "ready"
+    assert from_files._read_otherwise(ready, cast(Any, ended), again, replace(PLAIN, profile=("L_p",))) == (ready, ended)
+    assert [options.profile for options in asked] == [None]
