@@ -146,5 +146,6 @@ def test_no_profile_is_made_of_the_other_reading() -> None:
         return None, ended
 
     ready: Any = "ready"
-    assert from_files._read_otherwise(ready, cast(Any, ended), again, replace(PLAIN, profile=("L_p",))) == (ready, ended)
+    found: Any = from_files._read_otherwise(ready, cast(Any, ended), again, replace(PLAIN, profile=("L_p",)))
+    assert found == (ready, ended)
     assert [options.profile for options in asked] == [None]
