@@ -24,6 +24,14 @@ from sim.record import Channel, Hold, Record
 from tests.own_models import ROLL, model_file
 
 
+@dataclass(frozen=True)
+class Found:
+    """What an identification says of its record, and its notes."""
+
+    record: Any
+    notes: tuple[str, ...] = ()
+
+
 @dataclass
 class Spy:
     """Replaces preparation and fit: records the hold and the options of each fit."""
@@ -36,7 +44,7 @@ class Spy:
     def __call__(self, _vehicle: Any, _method: str, _files: Any, _choices: Any, plan: Plan, asked: Options) -> Any:
         self.holds.append(plan.hold)
         self.asked.append(asked)
-        found = SimpleNamespace(record=SimpleNamespace(inputs=self.inputs, hold=plan.hold or Hold.PREVIOUS))
+        found = Found(SimpleNamespace(inputs=self.inputs, hold=plan.hold or Hold.PREVIOUS))
         return SimpleNamespace(measured=()), found
 
 
