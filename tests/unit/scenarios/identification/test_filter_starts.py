@@ -21,6 +21,7 @@ from scenarios.preparation.plan import Plan
 from scenarios.preparation.request import Request
 from scenarios.trials.coverage.estimators import write_flight
 from scenarios.trials.coverage.independent_flights import flown, maneuver, motion
+from sim.errors import RecordError
 from sim.record import Hold, Record
 from tests.every_model import Case, case_of
 
@@ -116,3 +117,14 @@ def test_a_pass_that_breaks_down_is_no_convergence() -> None:
     assert ended.outcome is Outcome.INDEFINITE and "pass 2 broke down at 3 s" in ended.message
     assert np.array_equal(ended.values, begun.values)
     assert "--method output-error" in ended.outcome.hint
+
+
+@pytest.mark.parametrize("method", ["output-error", "ekf", "ukf"])
+def test_linear_algebra_that_fails_is_one_line_on_the_record(monkeypatch: pytest.MonkeyPatch, method: str) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr("scenarios.identification.methods.fit_output_error", fails)
+    case = case_of("rigid")
+    with pytest.raises(RecordError, match=f"the linear algebra of {method} fails on it .*use another --method"):
+        identify(case.record, case.vehicle, method)
