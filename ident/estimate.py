@@ -39,6 +39,7 @@ _HINTS = {
     "AT_BOUND": "it is held there, and sigmas are those of the others: widen [bounds] where the bound is a guess, or look for what the model lacks",
     "MAX_ITERATIONS": "begin nearer: take the values of --method equation-error into the vehicle file, or a shorter part with --from and --to",
     "DIVERGED": "begin nearer: take the values of --method equation-error into the vehicle file, or a shorter part with --from and --to",
+    "INDEFINITE": "use --method output-error: it keeps no covariance from sample to sample, and needs no noise in the record",
     "NOT_IDENTIFIABLE": "fly a maneuver that moves what it leaves open, or hold that parameter",
     "DEGENERATE": "compare with --method output-error and equation-error, and look whether a channel is computed, filtered or stuck",
 }

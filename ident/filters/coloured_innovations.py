@@ -1,12 +1,10 @@
 """Parameter covariance of a filter, corrected for innovations that are not white.
 
-A filter's covariance holds for white measurement noise. Coloured noise repeats itself from sample to sample, so that the record says
-less than the filter believes. As for whole-record fits (`ident.statistics.coloured_covariance`; Morelli and Klein, J. Guidance, Control and
-Dynamics 20(1), 1997) the information stays, and the scatter of the gradient is formed with the autocovariance of the residuals. These are
-the residuals of the filter that knows the smoothed initial state exactly; without process noise those of output error.
-
-The autocovariance is that of an autoregression, which a short record determines better than many lags one by one. What the fit itself took
-from the residuals is added back: the expected loss follows from the slopes and from the autocovariance, which therefore is found by iteration.
+A filter's covariance holds for white measurement noise. Coloured noise repeats itself from sample
+to sample, so that the record says less than the filter believes. The correction is that of
+whole-record fits (`ident.statistics.coloured_covariance`): the information stays, and the scatter
+of the gradient is formed with the spectra of the residuals. These are the residuals of the filter
+that knows the smoothed initial state exactly; without process noise those of output error.
 """
 
 from __future__ import annotations
@@ -17,9 +15,8 @@ import numpy as np
 
 from ident.estimate import Estimate, FilterHistory, Outcome
 from ident.filters.smoother import smooth
+from ident.statistics.coloured_covariance import corrected_covariance
 
-_ORDER = 8  # highest order of the autoregression
-_ROUNDS = 8  # in which autocovariance and expected loss are brought together
 _SIGNIFICANT = 4.0  # of the standard deviations 1/sqrt(N) that an autocorrelation of white noise has
 _ROUNDING = 1e-9  # of a covariance, below which a difference of two is no process noise
 
@@ -77,7 +74,11 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
             inverse = np.linalg.inv(information + np.eye(len(free)))
         except np.linalg.LinAlgError:
             return None
-        found = _sandwich(inverse, scaled, residual, history.valid)
+        part = np.arange(len(free)), scaled, residual, history.valid
+        try:
+            found = corrected_covariance(inverse, [part], np.ones(len(residual)), np.eye(len(free)))
+        except np.linalg.LinAlgError:
+            return None
     scale = prior[at]
     covariance = found[np.ix_(at, at)] * np.outer(scale, scale)
     white = np.diagonal(inverse)[at] * scale**2
@@ -93,74 +94,6 @@ def with_coloured_covariance(estimate: Estimate) -> Estimate:
     """The estimate with its covariance corrected for coloured innovations; unchanged where there is no correction."""
     found = coloured_innovations(estimate)
     return estimate if found is None or found.names != estimate.names else replace(estimate, covariance=found.covariance)
-
-
-def _sandwich(inverse: np.ndarray, slopes: np.ndarray, residual: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Covariance ``(n, n)`` under the residuals' own autocovariance; each variance at least that of white noise.
-
-    ``inverse (n, n)`` is the inverse information, unit prior included; slopes ``(m, N, n)`` and residuals ``(m, N)`` have unit variance.
-    """
-    m, N, n = slopes.shape
-    rows = [i for i in range(m) if valid[i].any()]
-    pairs = {i: np.maximum(_lagged(valid[i, :, None].astype(float), valid[i, :, None].astype(float)), 1.0) for i in rows}
-    taper = 1.0 - np.arange(_ORDER + 1) / N
-    observed = {i: taper * _lagged(residual[i, :, None], residual[i, :, None]) / pairs[i] for i in rows}
-    order = {i: _best_order(observed[i], int(valid[i].sum())) for i in rows}
-    covariance = {i: observed[i] for i in rows}
-    middle = np.eye(n)
-    for _ in range(_ROUNDS):
-        smeared = {i: _convolved(slopes[i], *_autoregression(covariance[i], order[i], N)) for i in rows}
-        middle = np.eye(n) + sum(slopes[i].T @ smeared[i] for i in rows)
-        spread = inverse @ middle @ inverse
-        for i in rows:
-            lost = 2.0 * _lagged(slopes[i] @ inverse, smeared[i]) - _lagged(slopes[i] @ spread, slopes[i])
-            covariance[i] = observed[i] + taper * lost / pairs[i]
-    found = inverse @ middle @ inverse
-    factor = np.sqrt(np.maximum(np.diagonal(inverse) / np.diagonal(found), 1.0))
-    return np.asarray(found * np.outer(factor, factor))
-
-
-def _lagged(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Sums over ``t`` and columns of ``one[t] other[t + k]``, the mean of both directions, at lags 0 to the highest order; ``(N, n)`` each."""
-    N = len(one)
-    sums = [0.5 * (np.vdot(one[: N - k], other[k:]) + np.vdot(other[: N - k], one[k:])) for k in range(min(_ORDER, N - 1) + 1)]
-    return np.array(sums + [0.0] * (_ORDER + 1 - len(sums)))
-
-
-def _levinson(covariance: np.ndarray, order: int, samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of the prediction error filter ``(order + 1,)``, and its error variance at each order up to it (Levinson-Durbin)."""
-    a, error = np.array([1.0]), np.empty(order + 1)
-    error[0] = max(float(covariance[0]), np.finfo(float).tiny)
-    for p in range(1, order + 1):
-        reflection = -float(a @ covariance[p:0:-1]) / error[p - 1]
-        reflection = float(np.clip(reflection, 1.0 / samples - 1.0, 1.0 - 1.0 / samples))
-        a = np.append(a, 0.0) + reflection * np.append(a, 0.0)[::-1]
-        error[p] = error[p - 1] * (1.0 - reflection**2)
-    return a, error
-
-
-def _best_order(covariance: np.ndarray, samples: int) -> int:
-    """The order that the Bayesian information criterion prefers."""
-    highest = min(_ORDER, max(0, samples // 10))
-    _, error = _levinson(covariance, highest, samples)
-    return int(np.argmin(samples * np.log(error) + np.arange(highest + 1) * np.log(samples)))
-
-
-def _autoregression(covariance: np.ndarray, order: int, samples: int) -> tuple[np.ndarray, float]:
-    """The prediction error filter of an autoregression and the variance of its input."""
-    a, error = _levinson(covariance, order, samples)
-    return a, float(error[order])
-
-
-def _convolved(slopes: np.ndarray, a: np.ndarray, error: float) -> np.ndarray:
-    """Product ``(N, n)`` of the autocovariance matrix of an autoregression and ``slopes (N, n)``, over frequencies."""
-    N = len(slopes)
-    size = 1 << (8 * N - 1).bit_length()
-    autocovariance = np.fft.irfft(error / np.abs(np.fft.rfft(a, size)) ** 2, size)
-    kernel = np.zeros(1 << (2 * N - 1).bit_length())
-    kernel[:N], kernel[len(kernel) - N + 1 :] = autocovariance[:N], autocovariance[N - 1 : 0 : -1]
-    spectrum = np.fft.rfft(kernel).real
-    return np.asarray(np.fft.irfft(spectrum[:, None] * np.fft.rfft(slopes, len(kernel), axis=0), len(kernel), axis=0)[:N])
 
 
 def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

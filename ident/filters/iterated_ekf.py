@@ -41,8 +41,8 @@ def run_iterated_ekf(
 
     Returns
     -------
-    Estimate after the last pass; its outcome is ``MAX_ITERATIONS`` when it had not settled, and that of the first
-    pass, plainly filtered, when a later one broke down.
+    Estimate after the last pass; its outcome is ``MAX_ITERATIONS`` when it had not settled. Where a pass broke down, the
+    estimate is that of the pass before it, with the outcome of the one that broke down.
 
     Raises
     ------
@@ -62,7 +62,8 @@ def settled(estimate: Estimate, further: Callable[[SmoothedHistory], Estimate], 
         assert estimate.history is not None
         again = further(smooth(estimate.history))
         if again.outcome is not Outcome.CONVERGED:
-            return replace(estimate, message="a further linearisation broke down; this is the pass before it")
+            said = f"pass {done} broke down {again.message}: values and sigmas are those of the pass before it, which had not settled"
+            return replace(estimate, outcome=again.outcome, message=said)
         moved = np.max(np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny), initial=0.0)
         estimate = replace(again, iterations=done)
         if moved < SETTLED:

@@ -25,6 +25,7 @@ from sim.declaration.system import System
 from sim.maths.elementary import complex_step_jacobian
 from sim.record import Record
 
+ROUNDING = float(np.sqrt(np.finfo(float).eps))  # half the digits: of a difference of covariances the rest may be rounding
 CENTRE = 2.0  # weight of the central point in a covariance, beta of the scaled points
 
 
@@ -41,8 +42,8 @@ def run_iterated_ukf(
 
     Returns
     -------
-    Estimate after the last pass; its outcome is ``MAX_ITERATIONS`` when it had not settled, and that of the first
-    pass, plainly filtered, when a later one broke down.
+    Estimate after the last pass; its outcome is ``MAX_ITERATIONS`` when it had not settled. Where a pass broke down, the
+    estimate is that of the pass before it, with the outcome of the one that broke down.
 
     Raises
     ------
@@ -66,8 +67,20 @@ class _Cloud:
         return self.points[0]
 
 
-def _cloud(mean: np.ndarray, P: np.ndarray) -> _Cloud:
-    root, back = roots(len(mean) * P)
+def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
+    """Points about sample ``k`` of a smoothed result, out to its covariance.
+
+    Where the smoother's difference of covariances is rounding alone, ``reach (n,)`` are the standard
+    deviations and directions without variance get ``ROUNDING`` of one: without points that lie apart
+    no slope along them would be seen, and the record would say nothing of them.
+    """
+    mean, P = about.mean[:, k], about.covariance[k]
+    std = np.sqrt(np.maximum(np.diagonal(P), 0.0))
+    scale = np.where(std < ROUNDING * reach, reach, std)
+    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    values, vectors = np.linalg.eigh(P * np.outer(inverse, inverse))
+    values = np.maximum(values, ROUNDING * values[-1])
+    root, back = roots(len(mean) * (vectors * values) @ vectors.T * np.outer(scale, scale))
     return _Cloud(np.concatenate([mean[None], mean + root, mean - root]), back)
 
 
@@ -75,7 +88,8 @@ def _pass_about(problem: FilterProblem, settings: FilterSettings, about: Smoothe
     """One pass of the Kalman filter of the functions linearised over ``about``."""
     keeper, grid = HistoryKeeper(problem), problem.grid
     x, P = problem.start.astype(float), problem.covariance.copy()
-    cloud = _cloud(about.mean[:, 0], about.covariance[0])
+    reach = np.sqrt(np.maximum(np.diagonal(about.covariance[-1]), 0.0))
+    cloud = _cloud(about, 0, reach)
     with quiet_numerics():
         for k in range(len(problem.time)):
             G = np.eye(len(x))
@@ -83,7 +97,7 @@ def _pass_about(problem: FilterProblem, settings: FilterSettings, about: Smoothe
                 if k:
                     moved, G, noise = _moved(problem, settings, cloud, grid.sample[k - 1], grid.sample[k])
                     x, P = moved + G @ (x - cloud.mean), _symmetric(G @ P @ G.T + noise)
-                    cloud = _cloud(about.mean[:, k], about.covariance[k])
+                    cloud = _cloud(about, k, reach)
                 keeper.predicted(k, x, P, G)
                 x, P, trouble = _updated(problem, keeper, k, x, P, cloud)
             except (ArithmeticError, ValueError):

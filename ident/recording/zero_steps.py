@@ -52,7 +52,7 @@ def zero_steps(
     out = []
     for each in series:
         left = _unexplained(jumps[each.name], [*(jumps[name] for name in jumps if name != each.name), *driven])
-        for at in _peaks(left, weight * each.noise + each.least_bit, length, round(SURROUNDINGS / step)):
+        for at in _peaks(left, weight * each.noise + each.least_bit, length, round(min(SURROUNDINGS / step, len(left)))):
             near = slice(max(0, at - 2), at + 3)
             calm = all(np.max(np.abs(jumps[other.name][near])) < OTHERS_QUIET * quiet[other.name] for other in series if other is not each)
             if each.name == "nz" and _is_load(series, values, rows[at + length], float(left[at]), gravity_over_speed):

@@ -112,11 +112,11 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
     """
     layout, noise_model, settings = problem.layout, problem.noise_model, problem.layout.settings
     start, low, high = problem.start, problem.low, problem.high
-    fit = begun or evaluate(problem, start, layout.guesses(start) if guesses is None else guesses)
+    fit = _sound(begun) or _sound(evaluate(problem, start, layout.guesses(start) if guesses is None else guesses))
     if fit is None and guesses is None and layout.problems:
         return None
     if fit is None:
-        fit = evaluate(problem, start, layout.guesses(start))
+        fit = _sound(evaluate(problem, start, layout.guesses(start)))
         if fit is None:
             return None
     damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
@@ -135,7 +135,7 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
         most_cost = fit.cost + unresolved(float(fit.counts.sum()))
         if damping <= refused and trial is not None and trial.cost <= most_cost:
             trial, refused = evaluate(problem, trial_theta, carried(fit, trial_theta)), 0.0
-        if trial is not None and trial.cost <= most_cost:
+        if trial is not None and trial.cost <= most_cost and _sound(trial) is not None:
             small = np.abs(trial.theta - fit.theta) < np.maximum(settings.tolerance * model.scale, ROUNDING * np.abs(fit.theta))
             before, fit = fit, trial
             gain, (information, after) = before.cost - fit.cost, fit.normal_equations()
@@ -155,7 +155,7 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
                 # No descent is left: at the optimum if the undamped step says so too.
                 outcome = Outcome.CONVERGED if arrived(model, fit.theta, settings) else Outcome.MAX_ITERATIONS
                 break
-    return replace(joined_up(fit), outcome=outcome, iterations=done)
+    return replace(_sound(joined_up(fit)) or fit, outcome=outcome, iterations=done)
 
 
 def arrived(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
@@ -207,6 +207,15 @@ def joined_up(fit: Fit) -> Fit:
             break
         fit = again
     return fit
+
+
+def _sound(fit: Fit | None) -> Fit | None:
+    """The fit itself; None where its information matrix or gradient is not finite: no step and no sigma follows from it."""
+    if fit is None:
+        return None
+    with np.errstate(all="ignore"):
+        equations = fit.normal_equations()
+    return fit if all(bool(np.all(np.isfinite(each))) for each in equations) else None
 
 
 def carried(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:

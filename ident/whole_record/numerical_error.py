@@ -91,7 +91,7 @@ def with_sampling_error(estimate: Estimate, records: Sequence[Record], system: S
     The estimate itself where the records have noise, or where their simulation leaves the range of numbers. The message says where the
     error is larger than the sigma.
     """
-    if estimate.outcome is not Outcome.CONVERGED:
+    if estimate.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
         return estimate
     calm = _simulated(estimate, records, system, settings)
     if calm is None:
@@ -99,7 +99,7 @@ def with_sampling_error(estimate: Estimate, records: Sequence[Record], system: S
     again = run_equation_error(calm, system)
     quiet = np.any((estimate.noise_std < ALIKE * again.noise_std) & (again.noise_std > 0.0))
     error = again.values - estimate.values
-    if again.outcome is not Outcome.CONVERGED or not quiet or not np.all(np.isfinite(error)):
+    if again.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS) or not quiet or not np.all(np.isfinite(error)):
         return estimate
     return _widened(estimate, error, "slopes of samples leave larger errors than the noise of the record: sigmas are those of sampling")
 

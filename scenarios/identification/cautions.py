@@ -17,7 +17,7 @@ from scenarios.terminal.numbers import number
 AIRCRAFT = ("rigid", "flexible", "loes", "lateral", "longitudinal")
 FREE_OF_CHARGE = ("delay", "inv_tau")  # of a low-order system: started anywhere, zero included
 NOTABLE = 1.25  # times, by which coloured noise must widen a standard deviation to be worth a caution
-STILL_SHORT = "10 to 25 %"  # what corrected standard deviations lack, measured under AR(1) noise of coefficient 0.9
+STILL_SHORT = "10 % (in gusts 30 %)"  # what corrected standard deviations lack at most: docs/estimators.md, Coverage
 CAUSES = "the model lacks something, a channel has a wrong sign or unit, or the file is wrong"
 
 
@@ -45,7 +45,7 @@ def coloured(estimate: Estimate) -> str:
     corrected = estimate.sigma(found.names[worst]) >= 0.99 * float(np.sqrt(found.covariance[worst, worst]))
     if not corrected:
         return text.replace("would be", "are") + "; those given are for white noise"
-    return f"{text}; those given are corrected for it, and may still be {STILL_SHORT} too small, as the colour is known from this record alone"
+    return f"{text}; those given are corrected for it, and may still be up to {STILL_SHORT} too small, as the colour is known from this record alone"
 
 
 def contradicted(rows: Sequence[Row], declared: Mapping[str, float]) -> str:

@@ -11,6 +11,7 @@ from ident.banks.delays import WIDENINGS, contradicted, widened
 from ident.banks.engines import ENGINES, FILTERPY
 from ident.estimate import Estimate, Outcome
 from ident.filters.coloured_innovations import with_coloured_covariance
+from ident.filters.ekf import FilterSettings
 from ident.filters.iterated_ekf import run_iterated_ekf
 from ident.whole_record.output_error import FitSettings, fit_output_error
 from scenarios.files.own_models import inputs_at_rest, is_own
@@ -39,6 +40,8 @@ FORCED = 0.1  # of a state's scatter, by which white noise moves it in a second 
 ASIDE = 0.1  # from rest, where rates are tried for a parameter that acts
 NEAR = 3.0  # sigmas of a fit, by which a filter's first pass may leave it
 WIDE = 20.0  # sigmas of a fit, as a filter's prior about it: the data then count 1 + 1/400 times
+# Of a channel's scatter, a filter's least noise: variances then lie half the digits apart, and the rest is left for the update.
+LEAST_NOISE = float(np.finfo(float).eps ** 0.25)
 SETTLED = (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)
 LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 
@@ -102,7 +105,23 @@ def _refuse_beyond_measure(record: Record) -> None:
 def estimated_by(
     records: Sequence[Record], model: Model, outputs: list[str], method: str, settings: FitSettings, options: Options
 ) -> tuple[System, Estimate]:
-    """The system that a method estimates, and what it finds; a filter runs along the first record, begun from a fit of it."""
+    """The system that a method estimates, and what it finds; a filter runs along the first record, begun from a fit of it.
+
+    Raises
+    ------
+    RecordError : the method's linear algebra fails on these numbers.
+    """
+    try:
+        return _estimated_by(records, model, outputs, method, settings, options)
+    except np.linalg.LinAlgError as error:
+        what = f"the linear algebra of {method} fails on it ({error})"
+        remedy = "check the units and the size of times and channels, or use another --method"
+        raise RecordError(what, where=", ".join(record.name for record in records), remedy=remedy) from error
+
+
+def _estimated_by(
+    records: Sequence[Record], model: Model, outputs: list[str], method: str, settings: FitSettings, options: Options
+) -> tuple[System, Estimate]:
     system = compile_model(model, outputs)
     if method == "equation-error":
         from ident.regression.equation_error import RegressionSettings, run_equation_error
@@ -126,32 +145,47 @@ def _filtered(
     """A filter along one record, begun from an output-error ``fit`` of it, with a covariance corrected for coloured innovations.
 
     Priors that the record contradicts are made as wide as the estimate lies from their start, as in the bank of delays.
+    Where the filter assumes more noise than the record has, its steps are no longer than those of the fit: the error of
+    longer ones might exceed that noise.
     """
     ready = _for_filter(model, record, outputs, fit)
     first = compile_model(_near_fit(ready, fit), outputs, online=True)
     if not settings.use_priors:
         ready = _about_fit(ready, fit)
     system = compile_model(ready, outputs, online=True)
-    estimate = _run_filter(record, system, first, method, options)
+    calm = _calm(fit, ready)
+    steps = FilterSettings(max_step=settings.max_step) if calm else None
+    estimate = _run_filter(record, system, first, method, options, steps)
     for _ in range(WIDENINGS):
         held_back = contradicted(system, estimate.as_dict()) if estimate.outcome in SETTLED else ()
         if not held_back:
             break
         system = widened(system, held_back)
-        estimate = _run_filter(record, system, first, method, options)
+        estimate = _run_filter(record, system, first, method, options, steps)
     estimate = with_coloured_covariance(estimate)
+    if calm and not estimate.message:
+        said = f"{', '.join(calm)}: hardly any noise; a filter needs some, and assumes {LEAST_NOISE:.1g} of the channel's scatter"
+        estimate = replace(estimate, message=f"{said}: sigmas are those of that noise, and output-error gives smaller ones")
     if not _values_of(fit) and not estimate.message:
         said = f"the output-error fit that gives the filter its start did not settle ({fit.outcome.value}): it started from the vehicle file"
         estimate = replace(estimate, message=said)
     return system, estimate
 
 
-def _run_filter(record: Record, system: System, first: System, method: str, options: Options) -> Estimate:
+def _calm(fit: Estimate, ready: Model) -> list[str]:
+    """Outputs in which a fit that has settled finds less noise than the filter assumes."""
+    if not _values_of(fit):
+        return []
+    assumed = ready.noise.measurement_std
+    return [name for name, found in zip(fit.output_names, fit.noise_std.tolist(), strict=True) if found < assumed[name]]
+
+
+def _run_filter(record: Record, system: System, first: System, method: str, options: Options, steps: FilterSettings | None) -> Estimate:
     if method == "ekf":
-        return run_iterated_ekf(record, system, first=first, by=ENGINES[options.engine or FILTERPY.name].one_pass)
+        return run_iterated_ekf(record, system, steps, first=first, by=ENGINES[options.engine or FILTERPY.name].one_pass)
     from ident.filters.iterated_ukf import run_iterated_ukf
 
-    return run_iterated_ukf(record, system, first=first)
+    return run_iterated_ukf(record, system, steps, first=first)
 
 
 def forced(model: Model, records: Sequence[Record] = ()) -> Model:
@@ -213,7 +247,7 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
         values = channel.values[channel.valid]
         spread[name] = max(float(np.std(values)), 1e-12)
         sound = fit.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS) and 0 < fitted < spread[name]
-        std[name] = float(fitted) if sound else 0.1 * spread[name]
+        std[name] = max(float(fitted), LEAST_NOISE * spread[name]) if sound else 0.1 * spread[name]
         begins[name] = float(np.median(values[:BEGINNING]))
     states = []
     for item in model.initial:

@@ -14,6 +14,7 @@ from ident.statistics.normal_equations import LocalModel, local_model
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, arrived, carried, evaluate, fit_whole_records, without_sensitivities
 from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.noise_model import White
 from sim.declaration.compile import compile_model
 from sim.declaration.parameters import Parameter, ParameterSet
 from sim.propagation.grid import drive_from_record, make_grid
@@ -144,3 +145,17 @@ def test_the_trajectory_obeys_the_equations_however_loose_the_tolerance() -> Non
     drive = drive_from_record(system, p.tolist(), record.input_array(system.input_names), record.time, record.hold, grid)
     expected = np.array(simulate(system, p.tolist(), x0.tolist(), drive, grid))
     np.testing.assert_allclose(fit.lines[0].y, expected, rtol=1e-11)
+
+
+class Endless(White):
+    """White noise whose likelihood has a gradient that is no number."""
+
+    def covariance_terms(self, layout: Any, theta: np.ndarray, lines: Any, weighted: Any) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(len(theta), np.nan), np.zeros((len(theta), len(theta)))
+
+
+def test_a_start_without_a_finite_gradient_is_no_start() -> None:
+    record = rigid_record(np.random.default_rng(1), 6.0, 25.0)
+    layout = lay_out([record], compile_model(rigid_model()), FitSettings())
+    assert fit_whole_records(FitProblem(layout)) is not None
+    assert fit_whole_records(FitProblem(layout, Endless())) is None

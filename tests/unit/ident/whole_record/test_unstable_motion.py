@@ -157,7 +157,7 @@ def test_an_output_without_noise_among_noisy_ones_is_degenerate() -> None:
 
 
 def test_every_outcome_that_is_not_settled_has_a_hint() -> None:
-    assert [outcome.code for outcome in Outcome if not outcome.hint] == ["converged", "indefinite"]
+    assert [outcome.code for outcome in Outcome if not outcome.hint] == ["converged"]
     assert Outcome.DEGENERATE.code == "degenerate" and "--method" in Outcome.DEGENERATE.hint
 
 

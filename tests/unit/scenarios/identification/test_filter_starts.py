@@ -5,15 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ident.estimate import Outcome
+from ident.filters.iterated_ekf import settled
 from scenarios.identification.cautions import cautions_of
+from scenarios.identification.from_files import identify_files
 from scenarios.identification.identify import identify
+from scenarios.identification.methods import LEAST_NOISE
 from scenarios.identification.result import Identification
-from sim.record import Record
+from scenarios.preparation.plan import Plan
+from scenarios.preparation.request import Request
+from scenarios.trials.coverage.estimators import write_flight
+from scenarios.trials.coverage.independent_flights import flown, maneuver, motion
+from sim.errors import RecordError
+from sim.record import Hold, Record
 from tests.every_model import Case, case_of
 
 STARTS = {"zero": 0.0, "ten times": 10.0}
@@ -83,3 +92,39 @@ def test_standard_deviations_that_were_not_corrected_are_said_to_be_too_small() 
     white = replace(found.estimate, covariance=np.array([row[at] for row in last.values()]))
     (said,) = [each for each in cautions_of(found.vehicle, white, found.rows) if "not white" in each]
     assert "are up to" in said and said.endswith("those given are for white noise")
+
+
+@pytest.mark.parametrize("digits", [6, 12])
+@pytest.mark.parametrize(("model", "method"), [("rigid", "ekf"), ("rigid", "ukf"), ("lateral", "ekf"), ("longitudinal", "ekf")])
+def test_without_noise_a_filter_has_the_sigmas_of_the_noise_that_it_assumes(tmp_path: Path, model: str, method: str, digits: int) -> None:
+    flight = flown(model, "white", 0)
+    calm = motion(model, *maneuver(model))
+    columns = {name: calm.get(name.split(" ")[0], values) for name, values in flight.columns.items()}
+    rounded = {name: np.array([float(f"{value:.{digits}g}") for value in values]) for name, values in columns.items()}
+    record, vehicle = write_flight(tmp_path, replace(flight, columns=rounded))
+    estimate = identify_files(Request((record,), model, vehicle, plan=Plan(hold=Hold.PREVIOUS)), method).found.estimate
+    assert estimate.outcome is Outcome.CONVERGED
+    assert f"hardly any noise; a filter needs some, and assumes {LEAST_NOISE:.1g}" in estimate.message
+    for name, true in flight.true.items():
+        assert abs(estimate.value(name) - true) < 2.0 * estimate.sigma(name), name
+        assert estimate.sigma(name) < 1e-3 * abs(true), name
+
+
+def test_a_pass_that_breaks_down_is_no_convergence() -> None:
+    begun = usual("own", "ekf").estimate
+    broken = replace(begun, outcome=Outcome.INDEFINITE, message="at 3 s")
+    ended = settled(begun, lambda done: broken, 15)
+    assert ended.outcome is Outcome.INDEFINITE and "pass 2 broke down at 3 s" in ended.message
+    assert np.array_equal(ended.values, begun.values)
+    assert "--method output-error" in ended.outcome.hint
+
+
+@pytest.mark.parametrize("method", ["output-error", "ekf", "ukf"])
+def test_linear_algebra_that_fails_is_one_line_on_the_record(monkeypatch: pytest.MonkeyPatch, method: str) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr("scenarios.identification.methods.fit_output_error", fails)
+    case = case_of("rigid")
+    with pytest.raises(RecordError, match=f"the linear algebra of {method} fails on it .*use another --method"):
+        identify(case.record, case.vehicle, method)

@@ -25,6 +25,14 @@ from sim.record import Channel, Hold, Record
 from tests.own_models import ROLL, model_file
 
 
+@dataclass(frozen=True)
+class Found:
+    """What an identification says of its record, and its notes."""
+
+    record: Any
+    notes: tuple[str, ...] = ()
+
+
 @dataclass
 class Spy:
     """Replaces preparation and fit: records the hold and the options of each fit."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 import pytest
 
 import flightid
-from scenarios.identification.sigma_cautions import FILTER_ERROR, SHORT_IN_GUSTS
+from scenarios.identification.sigma_cautions import FILTER_ERROR, LOST_ROWS, SHORT_IN_GUSTS, lost_rows
 from scenarios.trials.coverage.independent_flights import flown
+from sim.record import Channel, Record
 
 
 def cautions(method: str, noise: str, run: int = 0) -> list[str]:
@@ -42,3 +44,26 @@ def test_filter_error_is_cautioned_where_it_finds_gusts() -> None:
 
 def test_methods_that_hold_in_gusts_are_not_cautioned() -> None:
     assert cautions("equation-error", "dryden-gusts") == []
+
+
+@pytest.mark.parametrize("method", sorted(LOST_ROWS))
+@pytest.mark.parametrize(("dropped", "cautioned"), [(0.02, False), (0.2, True)])
+def test_lost_rows_are_cautioned_from_the_measured_share_on(method: str, dropped: float, *, cautioned: bool) -> None:
+    flight = flown("rigid", "white", 0)
+    frame = pd.DataFrame(flight.columns)
+    lost = np.random.default_rng(1).choice(np.arange(1, len(frame) - 1), int(dropped * len(frame)), replace=False)
+    vehicle = {**flight.vehicle, "derivatives": dict(flight.start)}
+    found = flightid.identify(frame.drop(index=lost), "rigid", vehicle, method=method, hold="previous")
+    said = [each for each in found.warnings if "rows are lost" in each]
+    assert len(said) == cautioned
+    if cautioned:
+        assert f"from {100 * LOST_ROWS[method]:g} % on that biases {method} by more than half a sigma" in said[0]
+
+
+def test_one_long_gap_and_jittered_times_are_no_lost_rows() -> None:
+    rng = np.random.default_rng(2)
+    time = np.arange(400) * 0.02 + 0.002 * rng.uniform(size=400)
+    time[200:] += 5.0
+    channel = Channel.of("q", "rad/s", rng.standard_normal(400))
+    record = Record(time, (), (channel,))
+    assert lost_rows([record]) == pytest.approx(1 / 399)
