@@ -49,15 +49,6 @@ class Spy:
         return SimpleNamespace(measured=()), found
 
 
-@dataclass(frozen=True)
-class Found:
-    """What the file of identifications looks at."""
-
-    record: Any
-    notes: tuple[str, ...] = ()
-    reading: Any = None
-
-
 @pytest.fixture
 def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
     seen = Spy()
