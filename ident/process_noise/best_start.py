@@ -23,6 +23,7 @@ from sim.errors import FlightidError
 
 AT_ITS_LIMIT = 2.0  # times the lowest (or one over that times the highest) value of a noise level: it has run there, or would with one step more
 ABSURD = 1e-3  # of the sigma that all samples together could give a parameter each of them shows fully: no record knows it better
+_DECIMALS, _WHOLE = 12, 1e-4  # places tried for the last one that was written; how near to a whole number of steps
 _STILL = 1e-4  # of log likelihood: a step that gains less is none
 # Of a motion that grows: in gusts fits settle in ten to thirty steps with it, and creep with 1e-7; in still air the usual one does better.
 _LEAST_DAMPING = 1e-10
@@ -49,19 +50,57 @@ def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | 
 
 
 def degenerate(fit: Fit) -> bool:
-    """Whether the noise level of a measured output has run to its limit, or to the rounding of its samples."""
-    return bool(levels_at_limit(fit))
+    """Whether the noise level of a measured output has run to its limit, or to the rounding of its samples, and the record does not explain that."""
+    return bool(levels_at_limit(fit)) and not without_measurement_noise(fit)
+
+
+def without_measurement_noise(fit: Fit) -> bool:
+    """Whether the record itself has no measurement noise: all its outputs are met exactly, and they outnumber the sources of process noise.
+
+    A filter may follow as many outputs exactly as process noise has sources, whatever the derivatives are; each further output is met
+    exactly by the right ones only. Noise levels are then upper bounds, and so are the sigmas.
+    """
+    noise_model = fit.noise_model
+    assert isinstance(noise_model, ProcessNoise)
+    own, low, _ = _levels_and_limits(fit)
+    rounded = np.array([_resolution(fit.layout, i) for i in noise_model.estimated]) / np.sqrt(12.0)
+    sources = max(
+        int(np.count_nonzero(np.array(fit.layout.system.noise(fit.layout.split(fit.theta, r)[0].tolist())[0]) > 0))
+        for r in range(len(fit.layout.problems))
+    )
+    return len(own) > sources and bool(np.all(own <= AT_ITS_LIMIT * np.maximum(low, rounded)))
+
+
+def _resolution(layout: FitLayout, output: int) -> float:
+    """Last decimal place of an output's samples, in its own unit or in degrees, as they were written; 0 where they have more than digits can show."""
+    values = np.concatenate([problem.z[output, problem.valid[output]] for problem in layout.problems])
+    for scale in (1.0, 180.0 / np.pi):
+        size = scale * float(np.max(np.abs(values), initial=0.0))
+        for step in 10.0 ** -np.arange(_DECIMALS):
+            written = scale * values / step
+            rounding = 4.0 * np.finfo(float).eps * size / step
+            if rounding < _WHOLE and np.all(np.abs(written - np.round(written)) < max(rounding, _WHOLE)):
+                return float(step / scale)
+    return 0.0
 
 
 def levels_at_limit(fit: Fit) -> tuple[str, ...]:
     """The outputs of which a fit knows no noise level: it has run to its limit, or to the rounding of their samples."""
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
+    own, low, high = _levels_and_limits(fit)
+    lost = (own <= AT_ITS_LIMIT * low) | (own * AT_ITS_LIMIT >= high)
+    return tuple(noise_model.outputs[i] for i, gone in zip(noise_model.estimated, lost, strict=True) if gone)
+
+
+def _levels_and_limits(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Estimated noise levels with the lowest and highest value of each, ``(k,)``."""
+    noise_model = fit.noise_model
+    assert isinstance(noise_model, ProcessNoise)
     count = len(noise_model.estimated)
     own = fit.theta[len(fit.theta) - len(noise_model.names) :][:count]
     low = np.maximum(noise_model.low[:count], np.sqrt(fit.layout.smallest[list(noise_model.estimated)]))
-    lost = (own <= AT_ITS_LIMIT * low) | (own * AT_ITS_LIMIT >= noise_model.high[:count])
-    return tuple(noise_model.outputs[i] for i, gone in zip(noise_model.estimated, lost, strict=True) if gone)
+    return own, low, noise_model.high[:count]
 
 
 def absurd_sigmas(fit: Fit, std: np.ndarray) -> list[str]:
