@@ -18,12 +18,12 @@ from ident.regression.equation_error import run_equation_error
 from ident.whole_record import best_start as without_process_noise
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, lay_out
+from ident.whole_record.numerical_error import QUIET
 from sim.declaration.system import System
 from sim.errors import FlightidError
 
 AT_ITS_LIMIT = 2.0  # times the lowest (or one over that times the highest) value of a noise level: it has run there, or would with one step more
 ABSURD = 1e-3  # of the sigma that all samples together could give a parameter each of them shows fully: no record knows it better
-_DECIMALS, _WHOLE = 12, 1e-4  # places tried for the last one that was written; how near to a whole number of steps
 _STILL = 1e-4  # of log likelihood: a step that gains less is none
 # Of a motion that grows: in gusts fits settle in ten to thirty steps with it, and creep with 1e-7; in still air the usual one does better.
 _LEAST_DAMPING = 1e-10
@@ -55,7 +55,7 @@ def degenerate(fit: Fit) -> bool:
 
 
 def without_measurement_noise(fit: Fit) -> bool:
-    """Whether the record itself has no measurement noise: all its outputs are met exactly, and they outnumber the sources of process noise.
+    """Whether the record itself has hardly any measurement noise: all its outputs are met so, and they outnumber the sources of process noise.
 
     A filter may follow as many outputs exactly as process noise has sources, whatever the derivatives are; each further output is met
     exactly by the right ones only. Noise levels are then upper bounds, and so are the sigmas.
@@ -63,25 +63,19 @@ def without_measurement_noise(fit: Fit) -> bool:
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     own, low, _ = _levels_and_limits(fit)
-    rounded = np.array([_resolution(fit.layout, i) for i in noise_model.estimated]) / np.sqrt(12.0)
+    quiet = QUIET * np.array([_motion(fit.layout, i) for i in noise_model.estimated])
     sources = max(
         int(np.count_nonzero(np.array(fit.layout.system.noise(fit.layout.split(fit.theta, r)[0].tolist())[0]) > 0))
         for r in range(len(fit.layout.problems))
     )
-    return len(own) > sources and bool(np.all(own <= AT_ITS_LIMIT * np.maximum(low, rounded)))
+    return len(own) > sources and bool(np.all(own <= np.maximum(AT_ITS_LIMIT * low, quiet)))
 
 
-def _resolution(layout: FitLayout, output: int) -> float:
-    """Last decimal place of an output's samples, in its own unit or in degrees, as they were written; 0 where they have more than digits can show."""
-    values = np.concatenate([problem.z[output, problem.valid[output]] for problem in layout.problems])
-    for scale in (1.0, 180.0 / np.pi):
-        size = scale * float(np.max(np.abs(values), initial=0.0))
-        for step in 10.0 ** -np.arange(_DECIMALS):
-            written = scale * values / step
-            rounding = 4.0 * np.finfo(float).eps * size / step
-            if rounding < _WHOLE and np.all(np.abs(written - np.round(written)) < max(rounding, _WHOLE)):
-                return float(step / scale)
-    return 0.0
+def _motion(layout: FitLayout, output: int) -> float:
+    """Root mean square of an output's samples about the mean of each record."""
+    rows = [problem.z[output, problem.valid[output]] for problem in layout.problems]
+    away = np.concatenate([row - np.mean(row) for row in rows if row.size])
+    return float(np.sqrt(np.mean(away**2))) if away.size else 0.0
 
 
 def levels_at_limit(fit: Fit) -> tuple[str, ...]:
