@@ -118,9 +118,7 @@ def estimated_by(
     return (system, fit) if method not in FILTERS else _filtered(records[0], model, outputs, method, settings, options, fit)
 
 
-def _by_filter_error(
-    records: Sequence[Record], model: Model, outputs: list[str], settings: FitSettings, options: Options
-) -> tuple[System, Estimate]:
+def _by_filter_error(records: Sequence[Record], model: Model, outputs: list[str], settings: FitSettings, options: Options) -> tuple[System, Estimate]:
     """Filter error in turbulence; of equations of totals with white noise on the states where the fit in turbulence does not settle.
 
     Turbulence moves a record through the angle of attack alone. Where speed and pitch are forced as well, biases of all sensors then follow

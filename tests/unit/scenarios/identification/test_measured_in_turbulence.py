@@ -126,7 +126,7 @@ def unstable_in_a_loop(seed: int) -> pd.DataFrame:
         after = 0.06 * np.sin(1.1 * t) + 0.04 * np.sin(0.4 * t * t) + 0.03 * x[0] + 0.5 * x[1]
         for step in range(fine):
             middle = x + 0.5 * h * (A @ x + B * (e + (after - e) * step / fine))
-            x = x + h * (A @ middle + B * (e + (after - e) * (step + 0.5) / fine)) + np.sqrt(h) * np.array([5e-3, 1e-3]) * rng.standard_normal(2)
+            x = x + h * (A @ middle + B * (e + (after - e) * (step + 0.5) / fine)) + np.sqrt(h) * np.array([1e-3, 5e-4]) * rng.standard_normal(2)
         e = after
     return pd.DataFrame(np.round(rows, 6), columns=["time", "elevator", "az", "w", "q"])
 
