@@ -181,7 +181,7 @@ def forced(model: Model, records: Sequence[Record] = ()) -> Model:
     """The model with what filter error estimates besides the derivatives.
 
     Turbulence where gusts act, white noise on the acceleration of a falling body. Of a user's own model white noise on each state whose rate
-    has a free parameter, in proportion to what ``records`` show of that state; a common factor on its standard deviation is estimated.
+    has a free parameter, in proportion to what that state changes in a second in ``records``; a common factor on its standard deviation is estimated.
 
     Raises
     ------

@@ -205,3 +205,19 @@ def test_hfb_320_in_turbulence() -> None:
     assert settled(found)
     for name in ("CD_V", "CD_alpha", "CL_V", "CL_alpha", "Cm_alpha"):
         assert abs(found[name].value - PUBLISHED[name]) < 3.0 * found[name].sigma, name
+
+
+@pytest.mark.slow
+def test_hfb_320_by_the_longitudinal_model() -> None:
+    columns = {"elevator": 2, "thrust": 4, "airspeed": 5, "alpha": 6, "theta": 7, "q": 8, "ax": 10, "az": 11}
+    record = measured("hfb320_1_10.asc", columns)
+    record["nx"], record["nz"] = record.pop("ax") / 9.80665, -record.pop("az") / 9.80665
+    constants = {"mass": 7472.0, "wing_area": 30.1, "chord": 2.43, "pitch_inertia": 91420.0, "air_density": 0.792}
+    starts = {"CD_0": 0.12, "CD_V": -0.06, "CD_alpha": 0.3, "CL_0": -0.1, "CL_V": 0.1, "CL_alpha": 4.0}
+    starts |= {"Cm_0": 0.1, "Cm_V": 0.0, "Cm_alpha": -1.0, "Cm_q": -25.0, "Cm_de": -1.5}
+    vehicle = {"name": "HFB-320", **constants, "reference_airspeed": 104.67, "thrust_arm": 0.0, "derivatives": starts}
+    found = flightid.identify(record, "longitudinal", {**vehicle, "fixed": {"CL_q": 0.0, "CL_de": 0.0}}, method="filter-error", hold="linear")
+    assert settled(found)
+    assert any("white noise on airspeed, alpha, q" in note for note in found.details.found.notes)
+    for name, value in PUBLISHED.items():
+        assert abs(found[name].value - value) < 3.0 * found[name].sigma, name
