@@ -18,6 +18,7 @@ from ident.regression.equation_error import run_equation_error
 from ident.whole_record import best_start as without_process_noise
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, lay_out
+from ident.whole_record.numerical_error import QUIET
 from sim.declaration.system import System
 from sim.errors import FlightidError
 
@@ -49,19 +50,51 @@ def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | 
 
 
 def degenerate(fit: Fit) -> bool:
-    """Whether the noise level of a measured output has run to its limit, or to the rounding of its samples."""
-    return bool(levels_at_limit(fit))
+    """Whether the noise level of a measured output has run to its limit, or to the rounding of its samples, and the record does not explain that."""
+    return bool(levels_at_limit(fit)) and not without_measurement_noise(fit)
+
+
+def without_measurement_noise(fit: Fit) -> bool:
+    """Whether the record itself has hardly any measurement noise: all its outputs are met so, and they outnumber the sources of process noise.
+
+    A filter may follow as many outputs exactly as process noise has sources, whatever the derivatives are; each further output is met
+    exactly by the right ones only. Noise levels are then upper bounds, and so are the sigmas.
+    """
+    noise_model = fit.noise_model
+    assert isinstance(noise_model, ProcessNoise)
+    own, low, _ = _levels_and_limits(fit)
+    quiet = QUIET * np.array([_motion(fit.layout, i) for i in noise_model.estimated])
+    sources = max(
+        int(np.count_nonzero(np.array(fit.layout.system.noise(fit.layout.split(fit.theta, r)[0].tolist())[0]) > 0))
+        for r in range(len(fit.layout.problems))
+    )
+    return len(own) > sources and bool(np.all(own <= np.maximum(AT_ITS_LIMIT * low, quiet)))
+
+
+def _motion(layout: FitLayout, output: int) -> float:
+    """Root mean square of an output's samples about the mean of each record."""
+    rows = [problem.z[output, problem.valid[output]] for problem in layout.problems]
+    away = np.concatenate([row - np.mean(row) for row in rows if row.size])
+    return float(np.sqrt(np.mean(away**2))) if away.size else 0.0
 
 
 def levels_at_limit(fit: Fit) -> tuple[str, ...]:
     """The outputs of which a fit knows no noise level: it has run to its limit, or to the rounding of their samples."""
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
+    own, low, high = _levels_and_limits(fit)
+    lost = (own <= AT_ITS_LIMIT * low) | (own * AT_ITS_LIMIT >= high)
+    return tuple(noise_model.outputs[i] for i, gone in zip(noise_model.estimated, lost, strict=True) if gone)
+
+
+def _levels_and_limits(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Estimated noise levels with the lowest and highest value of each, ``(k,)``."""
+    noise_model = fit.noise_model
+    assert isinstance(noise_model, ProcessNoise)
     count = len(noise_model.estimated)
     own = fit.theta[len(fit.theta) - len(noise_model.names) :][:count]
     low = np.maximum(noise_model.low[:count], np.sqrt(fit.layout.smallest[list(noise_model.estimated)]))
-    lost = (own <= AT_ITS_LIMIT * low) | (own * AT_ITS_LIMIT >= noise_model.high[:count])
-    return tuple(noise_model.outputs[i] for i, gone in zip(noise_model.estimated, lost, strict=True) if gone)
+    return own, low, noise_model.high[:count]
 
 
 def absurd_sigmas(fit: Fit, std: np.ndarray) -> list[str]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from ident.process_noise.best_start import absurd_sigmas, degenerate, fit_from_best_start
+from ident.process_noise.best_start import absurd_sigmas, degenerate, fit_from_best_start, without_measurement_noise
 from ident.process_noise.filter_error_fit import COARSE, fit_with_process_noise, noise_start
 from ident.process_noise.innovations_model import SCALE, ProcessNoise, filters_of, has_process_noise, process_noise
 from ident.process_noise.restricted_likelihood import restricted_levels
@@ -131,7 +131,8 @@ def filter_error_estimate(fit: Fit) -> Estimate:
     theta, factor = levels.theta, levels.factor * student_factor(own, levels.spread * own**2)
     covariance = covariance * np.outer(factor, factor)
     scaled = noise_model.scaled
-    absurd = degenerate(fit) or bool(absurd_sigmas(fit, np.sqrt(np.diag(covariance))[: len(layout.shared)]))
+    exact = without_measurement_noise(fit)
+    absurd = not exact and (degenerate(fit) or bool(absurd_sigmas(fit, np.sqrt(np.diag(covariance))[: len(layout.shared)])))
     outcome = Outcome.DEGENERATE if absurd else fit.outcome if determined else Outcome.NOT_IDENTIFIABLE
     at = [*range(len(layout.shared)), *([len(fit.theta) - 1] if scaled else [])]
     return Estimate(

@@ -112,7 +112,7 @@ def _until_settled(steps: tuple[np.ndarray, ...], first: np.ndarray, nodes: int)
         chunk = advanced(steps, P)
         parts.append(chunk)
         done += len(chunk)
-        size = np.sqrt(np.diag(chunk[-1]))
+        size = np.sqrt(np.maximum(np.diag(chunk[-1]), 0.0))  # rounding may leave it below zero where nothing is noisy
         if np.all(np.abs(chunk[-1] - P) <= _SETTLED * np.outer(size, size)):
             break
         P = chunk[-1]

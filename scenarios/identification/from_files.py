@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.files.measured.record_file import RecordFile, read_with_validation, refuse_twice
+from scenarios.files.measured.record_file import RecordFile, path_of, read_with_validation, refuse_twice
 from scenarios.files.own_models import channel_units
 from scenarios.files.vehicles import VehicleFile, read_beside, read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.identification.assessment.intervals import SETTLED
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.identify import identify
 from scenarios.identification.input_reading import WORDS, OtherReading, opposite, other_reading
-from scenarios.identification.methods import FILTERS, METHODS, uses_attitude
+from scenarios.identification.methods import FILTERS, METHODS, forced, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
+from scenarios.identification.sigma_cautions import slow_residuals
 from scenarios.identification.wild_points import wild_points, with_wild_points, without
 from scenarios.preparation.cruise import cruise_caution
 from scenarios.preparation.interpreting import BETTER, held_by_computer, likelier_by
@@ -80,7 +82,8 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     ready, found = identified(request.plan, options)
     if method not in FILTERS and found.record.inputs and request.plan.hold is None and not any(file.sidecar.says_hold for file in files):
         ready, found = _read_otherwise(ready, found, lambda hold, asked: identified(replace(request.plan, hold=hold), asked), options)
-    found = replace(found, notes=(*read_beside([*files, *validation], beside), *found.notes))
+    proposed = _filter_error_proposed(request, vehicle, found)
+    found = replace(found, notes=(*read_beside([*files, *validation], beside), *found.notes, *proposed))
     return Identified(found, flown, ready.measured, files, validation, request.plan)
 
 
@@ -116,6 +119,25 @@ def _identified(
     cruise = cruise_caution(ready.measured, files[0][0].identity.name)
     doubts = (*ready.doubts, *([cruise] if cruise else []))
     return replace(ready, measured=measured), replace(found, notes=(*notes, *found.notes), doubts=doubts, look=look)
+
+
+def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: Identification) -> tuple[str, ...]:
+    """The command for filter error, where residuals are as process noise makes them and the model has a place for it."""
+    slow = slow_residuals([found.record, *found.others], found.estimate, found.tests)
+    if not slow:
+        return ()
+    try:
+        forced(model_of_file(vehicle), [found.record])
+    except DeclarationError:
+        return ()
+    paths = [path_of(record) for record in request.records]
+    words = [str(path) if path is not None else "RECORD" for path in paths]
+    model = request.model if isinstance(request.model, str) else "MODEL"
+    given = {"--model": model, "--vehicle": request.vehicle, "--channels": request.channels}
+    options = [word for option, value in given.items() if isinstance(value, str | Path) for word in (option, str(value))]
+    command = " ".join(["flightid identify", *words, *options, "--method filter-error"])
+    listed = f"{', '.join(slow[:-1])} and {slow[-1]}"
+    return (f"the residuals of {listed} change slowly, as turbulence makes them; {command} estimates such noise together with the parameters",)
 
 
 def _without_wild_points(

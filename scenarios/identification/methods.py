@@ -28,7 +28,7 @@ from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import ParameterSet
 from sim.declaration.system import System
 from sim.errors import DeclarationError, RecordError
-from sim.record import Record
+from sim.record import Channel, Record
 
 FILTERS = ("ekf", "ukf")
 METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error", FREQUENCY)
@@ -36,7 +36,7 @@ BIASED = 1.0  # of a total channel's scatter, by which its sensor may be off
 BEGINNING = 5  # samples whose median says where a sensor begins
 ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
 TURBULENCE = "gust-turbulence"
-FORCED = 0.1  # of a state's scatter, by which white noise moves it in a second where the fit begins
+FORCED = 0.1  # of a state's change in a second, by which white noise moves it in a second where the fit begins
 ASIDE = 0.1  # from rest, where rates are tried for a parameter that acts
 NEAR = 3.0  # sigmas of a fit, by which a filter's first pass may leave it
 WIDE = 20.0  # sigmas of a fit, as a filter's prior about it: the data then count 1 + 1/400 times
@@ -132,11 +132,34 @@ def _estimated_by(
     if method == FREQUENCY:
         return system, estimated(records, system, settings, delays_of(model), options.band)
     if method == "filter-error":
-        from ident.process_noise.filter_error import fit_filter_error
-
-        return system, fit_filter_error(records, compile_model(forced(model, records), outputs), settings, calm=system, local=[PATH])
+        return _by_filter_error(records, model, outputs, settings, options)
     fit = fit_output_error(records, system, settings, local=[PATH])
     return (system, fit) if method not in FILTERS else _filtered(records[0], model, outputs, method, settings, options, fit)
+
+
+def _by_filter_error(records: Sequence[Record], model: Model, outputs: list[str], settings: FitSettings, options: Options) -> tuple[System, Estimate]:
+    """Filter error in turbulence; of equations of totals with white noise on the states where the fit in turbulence does not settle.
+
+    Turbulence moves a record through the angle of attack alone. Where speed and pitch are forced as well, biases of all sensors then follow
+    what is left over; with a noise of its own on each state, and zeros of sensors left to the coefficients, the likelihood decides.
+    """
+    from ident.process_noise.filter_error import fit_filter_error
+
+    def fitted(calm: Model, rough: Model) -> tuple[System, Estimate]:
+        system = compile_model(calm, outputs)
+        return system, fit_filter_error(records, compile_model(rough, outputs), settings, calm=system, local=[PATH])
+
+    first = fitted(model, forced(model, records))
+    if first[1].outcome is Outcome.CONVERGED or is_own(model) or not of_totals(model) or options.profile is not None:
+        return first
+    zeros = [name for name in model.parameters.free_names if not name.startswith("bias_")]
+    calm = model.with_parameters(model.parameters.only_free(zeros))
+    noise = {name: _density(name, records) for name in _driven_states(calm, records)}
+    system, second = fitted(calm, calm.with_noise(replace(calm.noise, process_density=noise)))
+    if second.outcome is not Outcome.CONVERGED or second.log_likelihood <= first[1].log_likelihood:
+        return first
+    said = f"white noise on {', '.join(noise)} and no sensor biases: the fit with vertical turbulence and biases did not settle"
+    return system, replace(second, message="; ".join(text for text in (second.message, said) if text))
 
 
 def _filtered(
@@ -192,7 +215,7 @@ def forced(model: Model, records: Sequence[Record] = ()) -> Model:
     """The model with what filter error estimates besides the derivatives.
 
     Turbulence where gusts act, white noise on the acceleration of a falling body. Of a user's own model white noise on each state whose rate
-    has a free parameter, in proportion to what ``records`` show of that state; a common factor on its standard deviation is estimated.
+    has a free parameter, in proportion to what that state changes in a second in ``records``; a common factor on its standard deviation is estimated.
 
     Raises
     ------
@@ -228,10 +251,22 @@ def _driven_states(model: Model, records: Sequence[Record]) -> list[str]:
 
 
 def _density(state: str, records: Sequence[Record]) -> float:
-    """Spectral density, unit^2/s, that moves a state by a tenth of its recorded scatter in a second; of one that is not recorded .1 of its unit."""
-    channels = [record[state] for record in records if state in record.output_names]
-    scatter = max((float(np.std(channel.values[channel.valid])) for channel in channels), default=0.0)
-    return (FORCED * (scatter or 1.0)) ** 2
+    """Spectral density, unit^2/s, that moves a state in a second by a tenth of what it is recorded to change in one; not recorded: .1 of its unit.
+
+    Airspeed changes in a second by a small part of its scatter along a record: noise in proportion to that would follow its sensor everywhere.
+    """
+    channels = [(record.time, record[state]) for record in records if state in record.output_names]
+    changes = max((_change_in_a_second(time, channel) for time, channel in channels), default=0.0)
+    return (FORCED * (changes or 1.0)) ** 2
+
+
+def _change_in_a_second(time: np.ndarray, channel: Channel) -> float:
+    """Root mean square of what a channel changes in a second, about the mean of that; of a shorter record its scatter."""
+    t, values = time[channel.valid], channel.values[channel.valid]
+    if t.size < 2 or t[-1] - t[0] < 2.0:
+        return float(np.std(values)) if t.size else 0.0
+    late = t[t >= t[0] + 1.0]
+    return float(np.std(np.interp(late, t, values) - np.interp(late - 1.0, t, values)))
 
 
 def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate) -> Model:

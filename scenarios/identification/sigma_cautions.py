@@ -1,4 +1,4 @@
-"""By how much the sigmas of a method are too small where it has been measured, as a caution."""
+"""What coloured residuals speak of: by how much the sigmas of a method are too small where it has been measured, and filter error instead."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from ident.estimate import Estimate
 from ident.statistics.residual_spectrum import common_disturbance
+from ident.statistics.residuals import ResidualTest
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from sim.record import Record
 
@@ -22,6 +23,7 @@ FILTER_ERROR = (1.15, 0.92)
 # half a sigma. Measured: rows dropped at random from flights with stepped inputs and white noise.
 LOST_ROWS: Mapping[str, float] = {"equation-error": 0.1, "output-error": 0.05}
 LONGER = 1.5  # times the usual interval: between that of one sample and of two
+SLOW = 0.5  # correlation of samples in a row from which a residual is more alike than it is new
 INTENSITY = "gust-turbulence.sigma"
 
 
@@ -76,7 +78,35 @@ def _of_gusts(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
     return ()
 
 
+def slow_residuals(records: Sequence[Record], estimate: Estimate, tests: Sequence[ResidualTest]) -> tuple[str, ...]:
+    """Outputs of a free simulation whose residuals are not white and alike from sample to sample, as process noise makes them.
+
+    None where that holds of one output alone: process noise moves the states, and a state more than one output.
+    """
+    if estimate.method not in SHORT_IN_GUSTS:
+        return ()
+    residuals, valid = _residuals(records, estimate)
+    slow = []
+    for test in (each for each in tests if not each.passed):
+        if test.channel not in estimate.output_names:
+            continue
+        i, products, power = estimate.output_names.index(test.channel), 0.0, 0.0
+        for rows, known in zip(residuals, valid, strict=True):
+            row = rows[i] - np.sum(rows[i]) / max(int(np.count_nonzero(known[i])), 1)
+            both = known[i, 1:] & known[i, :-1]
+            products += float(np.sum(row[1:][both] * row[:-1][both]))
+            power += float(np.sum(row[:-1][both] ** 2))
+        if products > SLOW * power:
+            slow.append(test.channel)
+    return tuple(slow) if len(slow) > 1 else ()
+
+
 def _moved_together(records: Sequence[Record], estimate: Estimate) -> bool:
+    return common_disturbance(*_residuals(records, estimate))
+
+
+def _residuals(records: Sequence[Record], estimate: Estimate) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Measured minus fitted ``(m, N)`` a record, zero where a sample is missing, and which samples there are."""
     measured = [record.output_array(estimate.output_names) for record in records]
     residuals = [np.where(known, z - fitted, 0.0) for (z, known), fitted in zip(measured, estimate.fitted, strict=True)]
-    return common_disturbance(residuals, [known for _, known in measured])
+    return residuals, [known for _, known in measured]

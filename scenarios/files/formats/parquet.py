@@ -1,9 +1,12 @@
-"""Apache Parquet and Feather (Arrow IPC) files, by pyarrow through pandas."""
+"""Apache Parquet and Feather (Arrow IPC) files, by pyarrow in batches of rows."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,36 +18,28 @@ FORMAT = "Parquet"
 SUFFIXES = (".parquet", ".pq", ".feather", ".ft", ".arrow")
 MAGIC = (b"PAR1", b"ARROW1", b"FEA1")
 EXTRA = ""
+ROWS = 1 << 16  # of a batch: what is held twice at a time
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     """The one table of the file; its index becomes a column where it has a name."""
-    feather = raw.startswith((b"ARROW1", b"FEA1")) or path.suffix.lower() in (".feather", ".ft", ".arrow")
+    feather = raw.startswith((b"ARROW1", b"FEA1")) or path.suffix.lower() in (
+        ".feather",
+        ".ft",
+        ".arrow",
+    )
     kind = "Feather" if feather else FORMAT
     try:
-        import pandas
-        import pyarrow  # noqa: F401  pandas would choose and name another engine
+        import pandas  # noqa: F401  its description of the columns is in the file
+        import pyarrow  # noqa: F401
     except ImportError as error:
         raise missing_library(error, path, kind, EXTRA) from None
     try:
-        frame = pandas.read_feather(io.BytesIO(raw)) if feather else pandas.read_parquet(io.BytesIO(raw), engine="pyarrow")
+        names, columns, count = _columns(raw, feather=feather)
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, kind) from None
-    if any(name is not None for name in frame.index.names):
-        frame = frame.reset_index()
-    columns = []
-    for index in range(frame.shape[1]):
-        series = frame.iloc[:, index]
-        if isinstance(series.dtype, pandas.DatetimeTZDtype):
-            series = series.dt.tz_convert(None)
-        plain = pandas.api.types.is_numeric_dtype(series.dtype) and not pandas.api.types.is_bool_dtype(series.dtype)
-        if isinstance(series.dtype, np.dtype) and series.dtype.kind in "mM":
-            columns.append(series.to_numpy())
-        else:
-            cells = series.astype(object).where(series.notna(), None).to_numpy() if not plain else None
-            columns.append(series.to_numpy(dtype=float, na_value=np.nan) if cells is None else cells)
-    header = tuple(header_cell(frame_header(name), str(path)) for name in frame.columns)
-    return (Topic("", Table(str(path), header, tuple(columns), np.arange(1, len(frame) + 1))),)
+    header = tuple(header_cell(frame_header(name), str(path)) for name in names)
+    return (Topic("", Table(str(path), header, tuple(columns), np.arange(1, count + 1))),)
 
 
 def frame_header(name: object) -> str:
@@ -55,3 +50,110 @@ def frame_header(name: object) -> str:
     if len(words) > 1 and is_unit(words[-1]):
         return f"{' '.join(words[:-1])} [{words[-1]}]"
     return " ".join(words)
+
+
+def _columns(raw: bytes, *, feather: bool) -> tuple[list[Any], list[np.ndarray], int]:
+    """Names and columns as the DataFrame in the file would have them, a named index first; and the number of rows.
+
+    A DataFrame of the whole file would stand in memory beside the columns; batches are converted one after the other.
+    """
+    schema, count, batches = _batches(raw, feather=feather)
+    described = _described(schema)
+    collected = [_Collected(count) for _ in schema.names]
+    for batch in batches:
+        for column, part in zip(collected, batch.columns, strict=True):
+            column.add(part)
+    names, columns = [], []
+    for name, source in described:
+        names.append(name)
+        columns.append(collected[source].whole() if isinstance(source, int) else np.asarray(source))
+    return names, columns, count
+
+
+def _batches(raw: bytes, *, feather: bool) -> tuple[Any, int, Iterator[Any]]:
+    """The schema, the number of rows and the batches of rows."""
+    import pyarrow
+    from pyarrow import feather as feather_format
+    from pyarrow import ipc, parquet
+
+    if not feather:
+        file = parquet.ParquetFile(pyarrow.BufferReader(raw))
+        return (
+            file.schema_arrow,
+            file.metadata.num_rows,
+            file.iter_batches(batch_size=ROWS, use_threads=False),
+        )
+    if raw.startswith(b"FEA1"):
+        table = feather_format.read_table(io.BytesIO(raw))
+        return table.schema, table.num_rows, iter(table.to_batches())
+    opened = ipc.open_file(pyarrow.BufferReader(raw))
+    # Counting decodes what the batches hold; a second pass is cheaper than keeping them all.
+    count = sum(opened.get_batch(at).num_rows for at in range(opened.num_record_batches))
+    return opened.schema, count, (opened.get_batch(at) for at in range(opened.num_record_batches))
+
+
+def _described(schema: Any) -> Sequence[tuple[Any, int | range]]:
+    """Name of each column and where it comes from: a place among the file's, or a range that the file only describes."""
+    frame = schema.empty_table().to_pandas()
+    index = (schema.pandas_metadata or {}).get("index_columns", [])
+    stored = [name for name in index if isinstance(name, str)]
+    plain = [at for at, name in enumerate(schema.names) if name not in stored]
+    columns: list[tuple[Any, int | range]] = list(zip(frame.columns, plain, strict=True))
+    if not any((isinstance(each, dict) and each.get("name")) or name is not None for each, name in zip(index, frame.index.names, strict=False)):
+        return columns
+    named: list[tuple[Any, int | range]] = []
+    for level, (each, name) in enumerate(zip(index, frame.index.names, strict=False)):
+        if isinstance(each, dict):
+            named.append((each["name"], range(each["start"], each["stop"], each["step"])))
+        else:
+            named.append(
+                (
+                    name if name is not None else "index" if len(index) == 1 else f"level_{level}",
+                    schema.names.index(each),
+                )
+            )
+    return [*named, *columns]
+
+
+@dataclass(eq=False)
+class _Collected:
+    """A column as it grows: numbers in place, in the file's own type as long as no cell is empty; of anything else the parts."""
+
+    count: int
+    filled: int = 0
+    numbers: np.ndarray | None = None
+    parts: list[Any] | None = None
+
+    def add(self, part: Any) -> None:
+        """Put the rows of a batch behind those that are there."""
+        import pyarrow
+
+        types = pyarrow.types
+        if not (types.is_integer(part.type) or types.is_floating(part.type)):
+            self.parts = [*(self.parts or ()), part]
+            return
+        if part.null_count and types.is_integer(part.type):
+            part = part.cast(pyarrow.float64(), safe=False)
+        values = part.to_numpy(zero_copy_only=False)
+        if self.numbers is None:
+            self.numbers = np.empty(self.count, dtype=values.dtype)
+        if values.dtype.kind == "f" and self.numbers.dtype.kind != "f":
+            self.numbers = self.numbers.astype(float)
+        self.numbers[self.filled : self.filled + len(values)] = values
+        self.filled += len(values)
+
+    def whole(self) -> np.ndarray:
+        """The column: numbers, times without a zone, or cells with None where one is empty."""
+        import pandas
+        import pyarrow
+
+        if self.numbers is not None:
+            return self.numbers
+        if not self.parts:
+            return np.zeros(0)
+        series = pyarrow.chunked_array(self.parts).to_pandas()
+        if isinstance(series.dtype, pandas.DatetimeTZDtype):
+            series = series.dt.tz_convert(None)
+        if isinstance(series.dtype, np.dtype) and series.dtype.kind in "mM":
+            return np.asarray(series.to_numpy())
+        return np.asarray(series.astype(object).where(series.notna(), None).to_numpy())

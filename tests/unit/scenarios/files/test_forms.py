@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from scenarios.files.formats import parquet
 from scenarios.files.formats.cells import numbers
 from scenarios.files.formats.registry import readers
 from scenarios.files.measured.record_file import read_record_file, with_names
@@ -60,3 +62,31 @@ def test_a_large_file_reads_as_a_small_one(tmp_path: Path, mark: str, monkeypatc
         assert numbers(fast, index).values.tobytes() == numbers(careful, index).values.tobytes()
     path.write_bytes(path.read_bytes() + mark.join(["30.0", "x", "0", "0", "7"]).encode())
     assert numbers(read_record_file(path).table, 1).texts == {3000: "x"}
+
+
+def _as_a_data_frame(frame: pd.DataFrame) -> dict[str, list]:
+    """What pandas shows of a table: named index levels first, a cell without a value as None."""
+    if any(name is not None for name in frame.index.names):
+        frame = frame.reset_index()
+    return {str(name): [None if pd.isna(cell) else cell for cell in frame[name]] for name in frame}
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".feather"])
+def test_a_table_is_read_in_batches_as_pandas_reads_it_whole(tmp_path, monkeypatch, suffix):
+    monkeypatch.setattr(parquet, "ROWS", 7)
+    n = 30
+    frame = pd.DataFrame({"time": np.arange(n) / 50, "count": np.arange(n), "single": np.arange(n, dtype="f4")})
+    frame["whole"] = pd.array([*range(n - 3), None, None, 7], dtype="Int64")  # empty cells in a late batch
+    frame["text"] = [None if i == 9 else f"row {i}" for i in range(n)]
+    frame["flag"] = frame["count"] % 2 == 0
+    frame["clock"] = pd.date_range("2020-01-01", periods=n, freq="20ms")
+    indexed, by_number = frame.set_index("time"), frame.rename_axis("row")
+    for index, each in enumerate([frame, indexed, by_number, frame.set_index(["time", "count"]), frame.iloc[:0]]):
+        path = tmp_path / f"table{index}{suffix}"
+        each.to_parquet(path) if suffix == ".parquet" else each.reset_index(drop=each is frame).to_feather(path)
+        wanted = _as_a_data_frame(each if suffix == ".parquet" else pd.read_feather(path))
+        (topic,) = parquet.read(path, path.read_bytes())
+        assert list(topic.table.header) == list(wanted)
+        assert len(topic.table.rows) == len(each)
+        for name, column in zip(topic.table.header, topic.table.columns, strict=True):
+            assert [None if pd.isna(cell) else pd.Timestamp(cell) if name == "clock" else cell for cell in column] == wanted[name]
