@@ -16,6 +16,7 @@ ON_THE_GRID = 0.02  # of the least bit, within which a value lies on its grid: w
 WHITE = 1.5  # ratio of the noise by second and by fourth differences: 1 for white noise, 10 and more for motion alone
 RESOLVED = 0.7
 STEPPED = 0.1  # of a converter's step, within which nine tenths of the differences lie on its multiples; a fifth of them by chance
+BOTH_WAYS = 0.05  # share of the differences that rise or rest, and that fall or rest, in a signal that shows its converter
 LATTICE = 3.5  # steps of a converter up to which differences are compared: a calibration that drifts shifts larger ones
 FINEST = 1e-6  # of a channel's span: the step of a converter of twenty bits, finer than any sensor's noise
 SMALLEST = 1e-9  # of a channel's span, below which a scatter is rounding
@@ -104,9 +105,10 @@ def exact_step(values: np.ndarray) -> float:
 
 def _converter_step(values: np.ndarray, exact: float) -> float:
     """The step of which small differences of neighbouring samples are multiples within a tenth of it; 0 where there is none."""
-    sizes = np.abs(np.diff(values))
-    if sizes.size < FEWEST:
-        return 0.0
+    differences = np.diff(values)
+    sizes = np.abs(differences)
+    if sizes.size < FEWEST or min(np.mean(differences >= 0.0), np.mean(differences <= 0.0)) < BOTH_WAYS:
+        return 0.0  # a signal that only rises or falls has steps of its rate, which say nothing of a converter
     least = max(3.0 * exact, SMALLEST * float(np.ptp(values)))
     moving = np.sort(sizes[sizes > least])
     if moving.size < FEWEST:

@@ -38,7 +38,7 @@ def sigma_cautions(records: Sequence[Record], estimate: Estimate) -> tuple[str, 
 
 def _of_lost_rows(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
     least, share = LOST_ROWS.get(estimate.method), lost_rows(records)
-    if least is None or share < least:
+    if least is None or share < least or not any(record.inputs for record in records):
         return ()
     return (
         f"rows are lost in {100 * share:.0f} % of the sample intervals, and with them the inputs: from {100 * least:g} % "

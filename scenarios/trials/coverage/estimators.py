@@ -77,7 +77,7 @@ def write_flight(folder: Path, flight: Flight) -> tuple[Path, Path]:
     np.savetxt(record, columns, delimiter=",", header=header, comments="", fmt="%.12g")
     lines = [f"{name} = {json.dumps(value)}" for name, value in flight.vehicle.items()]
     lines += ["[derivatives]", *(f"{name} = {value!r}" for name, value in flight.start.items())]
-    vehicle.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    vehicle.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
     return record, vehicle
 
 
@@ -87,7 +87,7 @@ def measure(rows: Path, wanted: Sequence[Cell], runs: int, first: int = 0) -> No
     for run in range(first, first + runs):
         for cell in wanted:
             if (*cell, run) not in kept:
-                with rows.open("a", encoding="utf-8") as out:
+                with rows.open("a", encoding="utf-8", newline="\n") as out:
                     out.write(json.dumps(run_of(cell, run)) + "\n")
 
 
@@ -186,7 +186,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if BEGIN not in text or END not in text:
             raise ValueError(f"{asked.page} has no marks {BEGIN} and {END}")
         before, after = text.split(BEGIN, 1)[0], text.split(END, 1)[1]
-        asked.page.write_text(f"{before}{BEGIN}\n\n{found}\n{END}{after}", encoding="utf-8")
+        asked.page.write_text(f"{before}{BEGIN}\n\n{found}\n{END}{after}", encoding="utf-8", newline="\n")
     except (OSError, ValueError) as error:
         print(f"python -m scenarios.trials.coverage.estimators: {error}", file=sys.stderr)
         return 2

@@ -143,7 +143,8 @@ def test_too_few_open_files_are_one_line_and_leave_nothing(place: Path, handles:
 def test_a_signal_that_ends_leaves_nothing_temporary(place: Path, number: signal.Signals, code: int) -> None:
     before = contents(place)
     code_text = (
-        "import sys, time, pathlib\n"
+        "import signal, sys, time, pathlib\n"
+        f"signal.signal({int(number)}, signal.SIG_DFL)\n"  # tests that are started in the background inherit that it is ignored
         "from scenarios.files import folders\n"
         "from scenarios.studies import files\n"
         "def slow(*arguments, **named):\n"
