@@ -34,7 +34,7 @@ VEHICLES = {
 SHORT = ("flight.rate=20 Hz", "flight.train.duration=18 s", "flight.validate.duration=14 s")
 EXAMPLE = "trace-vane"  # of two records of a flight whose vane sits far ahead
 HEADERS = {"elevator": ("Elev pos", "deg"), "alpha": ("AoA1", "deg"), "q": ("Pitch Rate [deg/s]", "deg/s"), "nz": ("N_z", "g")}
-MAP = """time = {column = "t (ms)", unit = "ms"}
+MAP = """time = {column = "Stamp (ms)", unit = "ms"}
 elevator = {column = "Elev pos", unit = "deg"}
 alpha = {column = "AoA1", unit = "deg"}
 q = "Pitch Rate [deg/s]"
@@ -174,7 +174,7 @@ def exported(record: Record, missing: Mapping[str, int] | None = None) -> bytes:
 
     holes = {"alpha": 37} if missing is None else missing
     out = io.StringIO()
-    out.write(",".join(["t (ms)", *(HEADERS[channel.name][0] for channel in record.channels)]) + "\n")
+    out.write(",".join(["Stamp (ms)", *(HEADERS[channel.name][0] for channel in record.channels)]) + "\n")
     factors = {c.name: float(to_si(1.0, HEADERS[c.name][1], c.unit, c.name, DeclarationError)) for c in record.channels}
     for at, time in enumerate(record.time):
         cells = [
