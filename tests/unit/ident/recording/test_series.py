@@ -40,3 +40,9 @@ def test_no_noise_is_smaller_than_rounding_or_measured_in_a_computed_channel() -
     assert measurable_noise(1e-12, [rounded]) == pytest.approx(STEP / math.sqrt(12.0), rel=0.01)
     assert measurable_noise(0.02, [rounded]) == 0.02
     assert measurable_noise(3e-13, [smooth]) is None and measurable_noise(None, [rounded]) is None
+
+
+def test_a_steady_fall_on_uneven_samples_shows_its_printed_step_alone() -> None:
+    rng = np.random.default_rng(6)
+    time = np.cumsum(rng.choice([0.1, 0.2], 150, p=[0.7, 0.3]))
+    assert least_bit(np.round(1500.0 - 72.0 * time)) == 1.0
