@@ -45,4 +45,4 @@ def test_no_noise_is_smaller_than_rounding_or_measured_in_a_computed_channel() -
 def test_a_steady_fall_on_uneven_samples_shows_its_printed_step_alone() -> None:
     rng = np.random.default_rng(6)
     time = np.cumsum(rng.choice([0.1, 0.2], 150, p=[0.7, 0.3]))
-    assert least_bit(np.round(4000.0 - 150.0 * time)) == 1.0
+    assert least_bit(np.round(4000.0 - 147.0 * time)) == 1.0
