@@ -1,0 +1,91 @@
+"""Prior knowledge: of the declared derivatives, of an effect's parameters, and of sets of effects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.declaration.effect import Effect
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import SearchContext, Traceable
+
+DECLARED = 0.3  # one sigma of a derivative of the vehicle file, as a share of it
+ODDS = 0.03  # of one family of effects against its absence: one cause in thirty comes to mind
+BACKGROUND_ODDS = 0.5  # of motion that any record may have
+_UNLIMITED = 1e5  # the value of a limit that is absent is larger than this
+_LIMIT_TIMES = 3.0  # factor: one sigma of a limit about where it was found
+_ARM_CHORDS, _ARM_LEAST = 3.0, 5.0  # chords, m: one sigma of the distance of a sensor from the c.g.
+_SHAPES_WIDER = 3.0  # a curve's shapes against their declared sizes
+
+
+@dataclass(frozen=True)
+class Normal:
+    """A Gaussian prior; ``one_sided`` where the value lies on one side of ``mean`` only."""
+
+    mean: float
+    sigma: float
+    one_sided: bool = False
+
+
+def prior_of(
+    effect: Traceable, item: Parameter, value: float, context: SearchContext
+) -> Normal | None:
+    """Prior of an effect's parameter that a search has found at ``value``; None where it is flat.
+
+    An amplitude lies about the effect's absence, by its declared size. A limit is known to a factor.
+    A time of an event may be anywhere in the record.
+    """
+    if item.name == effect.traits.onset:
+        return Normal(value, context.duration / 3.5)
+    absent = effect.absent.get(item.name)
+    if absent is None:
+        if math.isfinite(item.prior_std):
+            return Normal(item.value, item.prior_std)
+        return Normal(value, max(abs(value), abs(item.value), 1e-6))
+    if abs(absent) > _UNLIMITED:
+        return Normal(value, max(abs(value), 1e-6) * math.log(_LIMIT_TIMES))
+    if math.isfinite(item.prior_std):
+        return Normal(absent, item.prior_std)
+    size = abs(item.value - absent)
+    if item.name == "arm" and "vane" in effect.name:
+        size = max(_ARM_LEAST, _ARM_CHORDS * context.values.get("chord", 1.0))
+    elif item.name.startswith("shape"):
+        size *= _SHAPES_WIDER
+    return Normal(absent, max(size, 1e-9), absent in item.bounds)
+
+
+def family(name: str) -> str:
+    """The family that an effect's prior odds are shared in: its name without a channel."""
+    return name.partition(":")[0]
+
+
+def log_odds(effects: Iterable[Effect], candidates: Sequence[Traceable]) -> float:
+    """Logarithm of the prior odds of a set of effects against the empty set."""
+    members: dict[str, set[str]] = {}
+    for candidate in candidates:
+        members.setdefault(family(candidate.name), set()).add(candidate.name)
+    total = 0.0
+    for effect in effects:
+        if getattr(effect, "traits").background:
+            total += math.log(BACKGROUND_ODDS)
+        else:
+            total += math.log(ODDS / len(members.get(family(effect.name), {effect.name})))
+    return total
+
+
+def half_normal_factor(mean: float, sigma: float) -> float:
+    """Logarithm of the share of a Gaussian posterior on the allowed side, and of the prior's two.
+
+    ``mean`` counts from the bound, positive inside; ``sigma`` of the posterior.
+    """
+    from scipy.stats import norm
+
+    return math.log(2.0) + float(norm.logcdf(mean / max(sigma, 1e-300)))
+
+
+def declared_sigma(value: float) -> float:
+    """One sigma of a declared derivative; infinite where the file has zero, which tells no size."""
+    return DECLARED * abs(value) if value else np.inf

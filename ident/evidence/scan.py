@@ -1,0 +1,220 @@
+"""Every candidate at a linearised set of effects: what it would add to the outputs, and its gain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.evidence.linear_world import Laws, LinearWorld
+from ident.evidence.noise_law import whiten
+from ident.evidence.priors import prior_of
+from ident.tracing.candidate_model.fitted_model import belongs_to_record
+from ident.tracing.screening.score_test import _motions, _signatures
+from sim.declaration.effect import NoiseEffect
+from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
+from sim.errors import ModelError
+
+PLACES = 60  # of an event over a record
+AMPLITUDE = 0.4  # one sigma of a placed size about the place, as a share
+
+
+@dataclass(frozen=True, eq=False)
+class Lead:
+    """One placed alternative of a candidate.
+
+    ``columns`` : whitened, ``(D, k)``, all records and outputs below each other. ``probes`` : where it
+    is placed, a record each (None: absent there); ``shifts`` in samples. ``mean``, ``sigma (k,)`` : prior of
+    the columns' factors. ``price`` : log prior of its place. ``gain`` : of log evidence, alone.
+    ``own`` : ``(k,)``, the record that a column belongs to, or -1 where all share its factor.
+    """
+
+    effect: Traceable
+    columns: np.ndarray
+    probes: tuple[Probe | None, ...]
+    shifts: tuple[int, ...]
+    mean: np.ndarray
+    sigma: np.ndarray
+    own: np.ndarray
+    price: float
+    gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A linearised set, whitened: ``A (D, n)`` scaled by the posterior's root, ``e (D,)``, ``rows`` of each record."""
+
+    laws: Laws
+    root: np.ndarray
+    e: np.ndarray
+    rows: tuple[slice, ...]
+
+
+def prepared(world: LinearWorld, laws: Laws) -> Prepared:
+    """Residuals at the posterior mode, and the columns that the set's own unknowns take up."""
+    solution = world.solution(laws)
+    blocks_e, blocks_A, rows, at = [], [], [], 0
+    for time, valid, e, A, place in zip(world.times, world.valid, world.e, world.A, world.places, strict=True):
+        parts = [whiten(law, time, valid[i], np.column_stack([e[i], A[i]]))[0] for i, law in enumerate(laws)]
+        block = np.concatenate(parts)
+        full = np.zeros((len(block), world.size))
+        full[:, place] = block[:, 1:]
+        blocks_e.append(block[:, 0] - block[:, 1:] @ solution.offset[place])
+        blocks_A.append(full)
+        rows.append(slice(at, at + len(block)))
+        at += len(block)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(solution.precision), 1e-300))
+    inside = solution.precision * np.outer(scale, scale) + 1e-12 * np.eye(world.size)
+    lower = np.linalg.cholesky(inside)
+    A = np.concatenate(blocks_A) * scale
+    root = np.linalg.solve(lower, A.T).T  # A P^-1 A' = root root'
+    return Prepared(laws, root, np.concatenate(blocks_e), tuple(rows))
+
+
+def closed_form(gram: np.ndarray, with_e: np.ndarray, mean: np.ndarray, sigma: np.ndarray) -> tuple[float, np.ndarray]:
+    """Gain of log evidence by columns with factors N(mean, sigma^2), and the factors' posterior mean.
+
+    ``gram (k, k)`` and ``with_e (k,)`` are projected off the set's own unknowns.
+    """
+    S = gram + np.diag(sigma**-2.0)
+    h = with_e + mean / sigma**2
+    scale = 1.0 / np.sqrt(np.diag(S))
+    try:
+        root = np.linalg.cholesky(S * np.outer(scale, scale) + 1e-10 * np.eye(len(S)))
+    except np.linalg.LinAlgError:
+        return -1e9, np.zeros(len(S))
+    half = np.linalg.solve(root, scale * h)
+    logdet = 2.0 * float(np.sum(np.log(np.diag(root))) - np.sum(np.log(scale)))
+    gain = 0.5 * float(half @ half) - 0.5 * float(np.sum((mean / sigma) ** 2))
+    return gain - 0.5 * logdet - float(np.sum(np.log(sigma))), scale * np.linalg.solve(root.T, half)
+
+
+def scan(world: LinearWorld, several: Sequence[Prepared], candidates: Sequence[Traceable], context: SearchContext, keep: int = 2) -> list[list[Lead]]:
+    """Leads of all candidates, a list for each of ``several`` noise laws: of each the best ``keep`` places."""
+    motions = _motions(world.fitted)
+    present = {effect.name for effect in world.fitted.effects}
+    found: list[list[Lead]] = [[] for _ in several]
+    for candidate in candidates:
+        if candidate.name in present or isinstance(candidate, NoiseEffect):
+            continue
+        effect = fitted_to(candidate, context)
+        probes = tuple(effect.probes(context))
+        if not probes:
+            continue
+        try:
+            parts = _signatures(world.fitted, motions, effect, probes)
+        except (ModelError, FloatingPointError):
+            continue
+        usable = [(p, x) for p, x in zip(probes, parts, strict=True) if all(np.all(np.isfinite(y)) and np.max(np.abs(y), initial=0.0) < 1e6 for y in x)]
+        if not usable:
+            continue
+        for leads, ready in zip(found, several, strict=True):
+            leads += _leads(world, ready, effect, usable, context, keep)
+    return found
+
+
+def amplitude_prior(effect: Traceable, probe: Probe, context: SearchContext) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and sigma of the factors of a probe's columns."""
+    if not probe.slopes:
+        return np.ones(1), np.full(1, AMPLITUDE)
+    items = {item.name: item for item in effect.parameters}
+    means, sigmas = [], []
+    for local in probe.slopes:
+        known = prior_of(effect, items[local], probe.values[local], context)
+        means.append(known.mean - probe.values[local] if known else 0.0)
+        sigmas.append(known.sigma if known else 1e3 * max(abs(items[local].value), 1e-6))
+    return np.array(means), np.array(sigmas)
+
+
+def _white(world: LinearWorld, laws: Laws, r: int, columns: np.ndarray) -> np.ndarray:
+    valid = world.valid[r]
+    parts = [whiten(law, world.times[r], valid[i], np.where(valid[i][:, None], columns[i], 0.0))[0] for i, law in enumerate(laws)]
+    return np.concatenate(parts)
+
+
+def _leads(world: LinearWorld, ready: Prepared, effect: Traceable, usable: Sequence[tuple[Probe, list[np.ndarray]]], context: SearchContext, keep: int) -> list[Lead]:
+    records = len(world.times)
+    if belongs_to_record(effect):
+        options = [_placed(world, ready, effect, usable, context, r) for r in range(records)]
+        return _joined(ready, effect, options, len(ready.e))
+    out = []
+    for probe, part in usable:
+        W = np.concatenate([_white(world, ready.laws, r, part[r]) for r in range(records)])
+        mean, sigma = amplitude_prior(effect, probe, context)
+        B = ready.root.T @ W
+        gain, factors = closed_form(W.T @ W - B.T @ B, W.T @ ready.e, mean, sigma)
+        if possible(effect, probe, factors):
+            own = np.full(len(sigma), -1)
+            out.append(Lead(effect, W, (probe,) * records, (0,) * records, mean, sigma, own, -math.log(len(usable)), gain))
+    out.sort(key=lambda lead: -lead.gain)
+    return out[:keep]
+
+
+def possible(effect: Traceable, probe: Probe, factors: np.ndarray) -> bool:
+    """Whether factors point the physical way."""
+    if not probe.slopes:
+        return bool(factors[0] > 0.0)
+    if len(probe.slopes) > 1:
+        return True
+    item = next(item for item in effect.parameters if item.name == probe.slopes[0])
+    low, high = item.bounds
+    value = probe.values[item.name]
+    return not (value <= low and factors[0] < 0.0) and not (value >= high and factors[0] > 0.0)
+
+
+def _placed(world: LinearWorld, ready: Prepared, effect: Traceable, usable: Sequence[tuple[Probe, list[np.ndarray]]], context: SearchContext, r: int) -> list[tuple]:
+    """Places of an effect in one record: gain, probe, shift, whitened columns, mean, sigma."""
+    out = []
+    rows = ready.rows[r]
+    root, e = ready.root[rows], ready.e[rows]
+    for probe, part in usable:
+        own = part[r]
+        k, count = own.shape[2], own.shape[1]
+        mean, sigma = amplitude_prior(effect, probe, context)
+        shifts = list(range(0, count - 3, max(1, count // PLACES))) if probe.shifts else [0]
+        moved = np.zeros((own.shape[0], count, len(shifts) * k))
+        for number, shift in enumerate(shifts):
+            moved[:, shift:, number * k : (number + 1) * k] = own[:, : count - shift]
+        W = _white(world, ready.laws, r, moved)
+        B, u = root.T @ W, W.T @ e
+        for number, shift in enumerate(shifts):
+            at = slice(number * k, (number + 1) * k)
+            gain, factors = closed_form(W[:, at].T @ W[:, at] - B[:, at].T @ B[:, at], u[at], mean, sigma)
+            if possible(effect, probe, factors):
+                out.append((gain, probe, shift, W[:, at], mean, sigma))
+    return out
+
+
+def _joined(ready: Prepared, effect: Traceable, options: Sequence[list[tuple]], rows: int) -> list[Lead]:
+    """The best place in each record as one lead; in a record where an event brings nothing it is absent."""
+    event = bool(effect.traits.onset)
+    probes: list[Probe | None] = []
+    shifts, blocks, means, sigmas, owners, price, gain = [], [], [], [], [], 0.0, 0.0
+    for r, places in enumerate(options):
+        if not places and not event:
+            return []
+        best = max(places, key=lambda place: place[0]) if places else None
+        mean_gain = float(np.logaddexp.reduce([place[0] for place in places])) - math.log(len(places)) if places else -1.0
+        if event:
+            price += math.log(0.5)
+            if mean_gain <= 0.0 or best is None:
+                probes.append(None)
+                shifts.append(0)
+                continue
+        assert best is not None
+        price += mean_gain - best[0]
+        gain += best[0]
+        block = np.zeros((rows, best[3].shape[1]))
+        block[ready.rows[r]] = best[3]
+        blocks.append(block)
+        probes.append(best[1])
+        shifts.append(best[2])
+        means.append(best[4])
+        sigmas.append(best[5])
+        owners.append(np.full(len(best[5]), r))
+    if not blocks:
+        return []
+    joined = [np.concatenate(each) for each in (means, sigmas, owners)]
+    return [Lead(effect, np.concatenate(blocks, axis=1), tuple(probes), tuple(shifts), joined[0], joined[1], joined[2], price, gain)]
