@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ident.evidence.histories import Histories
 from ident.evidence.noise_law import NoiseLaw, whiten
 from ident.evidence.priors import declared_sigma, half_normal_factor, prior_of
 from ident.tracing.candidate_model.fitted_model import FittedModel
@@ -19,17 +20,6 @@ from sim.declaration.effect import full_name
 from sim.declaration.proposal import SearchContext
 
 Laws = tuple[NoiseLaw, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Columns:
-    """Further unknowns that act linearly beside those of the fit, as the nodes of a gust history.
-
-    ``parts`` ``(m, N, k)`` a record; ``precision`` ``(k, k)`` a record, of their prior with mean zero.
-    """
-
-    parts: tuple[np.ndarray, ...]
-    precision: tuple[np.ndarray, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +48,7 @@ class LinearWorld:
 
     fitted: FittedModel
     context: SearchContext
-    beside: Columns | None = None
+    beside: Histories | None = None
     knowledge: tuple[np.ndarray, np.ndarray] | None = None
     _grams: dict[tuple[int, NoiseLaw], list[tuple[np.ndarray, float, int]]] = field(default_factory=dict)
 
@@ -124,6 +114,10 @@ class LinearWorld:
             at += len(block)
         self.mean, self.precision, self.constant = mean, precision, constant
         self.quadratic = float(mean @ precision @ mean)
+
+    def like(self, beside: Histories) -> LinearWorld:
+        """The same world with other sizes of its histories."""
+        return LinearWorld(self.fitted, self.context, beside, self.knowledge, self._grams)
 
     # ------------------------------------------------------------------ closed form
     def grams(self, i: int, law: NoiseLaw) -> list[tuple[np.ndarray, float, int]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.evidence.linear_world import Columns, Laws, LinearWorld, Solution
+from ident.evidence.linear_world import Laws, LinearWorld, Solution
 from ident.evidence.noise_law import NoiseLaw
 from ident.evidence.priors import log_odds
 from ident.tracing.candidate_model.fitted_model import FittedModel, Start, Values, fit_set
@@ -127,7 +127,8 @@ def assess(
     ``prior`` : log prior of what ``extra`` adds beyond its columns.
     """
     world, _ = settled(world, laws)
-    laws = world.best_laws(laws, sweeps)
+    if sweeps:
+        laws = world.best_laws(laws, sweeps, 14)
     world, solution = settled(world, laws, 2)
     evidence = solution.evidence + world.log_prior(laws) + prior
     odds = log_odds((*world.fitted.effects, *extra), candidates)

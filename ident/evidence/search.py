@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ident.evidence.linear_world import Columns, LinearWorld
+from ident.evidence.histories import force_histories
+from ident.evidence.linear_world import LinearWorld
 from ident.evidence.posterior_mode import Assessed, Key, assess, begun, first_laws
 from ident.evidence.priors import log_odds
 from ident.evidence.scan import Lead, prepared, scan
@@ -45,6 +46,7 @@ class Search:
     steady: bool = False  # only effects that act alike in all records
     visited: dict[Key, Assessed] = field(default_factory=dict)
     scanned: set[Key] = field(default_factory=set)
+    refined: set[Key] = field(default_factory=set)
     alike: dict[frozenset[str], float] = field(default_factory=dict)
     fits: int = 0
 
@@ -53,10 +55,46 @@ class Search:
         assert root is not None
         self.context: SearchContext = search_context(root, self.problem.predicted)
         self.candidates = tuple(each for each in self.problem.candidates if not self.steady or _is_steady(each))
-        self.root = self.kept(LinearWorld(root, self.context), first_laws(root))
+        self.root = self.kept(*self._with_histories(root), sweeps=1)
+
+    def _with_histories(self, root):
+        """The declared model in its linear world, with force histories and noise as the evidence has them."""
+        plain = LinearWorld(root, self.context)
+        histories = force_histories(root, self.problem.candidates, self.context)
+        laws = tuple(law.smaller(QUIETER) for law in first_laws(root))
+        if histories is None:
+            return plain, first_laws(root)
+        world = LinearWorld(root, self.context, histories)
+        for _ in range(3):
+            world = self._scaled(world, laws)
+            laws = world.best_laws(laws, 1, 14)
+        self.tell(f"  histories {[float('%.2g' % s) for s in world.beside.sigma]} shares {[round(law.share, 2) for law in laws]}")
+        return world, laws
+
+    def _scaled(self, world, laws, factors=(0.1, 0.3, 3.0, 10.0)):
+        """The standard deviations of the histories of largest evidence, one after the other."""
+        best = world.solution(laws).evidence
+        for k in range(len(world.beside.sigma)):
+            for factor in factors:
+                sigma = list(world.beside.sigma)
+                sigma[k] *= factor
+                trial = world.like(world.beside.with_sigma(sigma))
+                value = trial.solution(laws).evidence
+                if value > best + 0.1:
+                    best, better = value, trial
+                    found = True
+                else:
+                    found = False
+                if found:
+                    chosen = better
+            try:
+                world = chosen
+            except UnboundLocalError:
+                pass
+        return world
 
     # ------------------------------------------------------------------ assessing
-    def kept(self, world: LinearWorld, laws, extra=(), *, sweeps: int = 2, prior: float = 0.0) -> Assessed | None:
+    def kept(self, world: LinearWorld, laws, extra=(), *, sweeps: int = 0, prior: float = 0.0) -> Assessed | None:
         """Assess a set and keep it, the better of two optima where it was met before."""
         try:
             found = assess(world, laws, self.candidates, extra, sweeps=sweeps, prior=prior)
@@ -87,8 +125,8 @@ class Search:
         names = parent.names - {name}
         if names in self.visited:
             return self.visited[names]
-        if any(effect.name == name for effect in parent.extra):
-            return self.kept(LinearWorld(parent.fitted, self.context), parent.laws)
+        if False:
+            pass
         effects = tuple(effect for effect in parent.fitted.effects if effect.name != name)
         fitted = begun(self.problem, effects, parent.fitted.values, [{} for _ in parent.fitted.values.own])
         if fitted is None:
@@ -104,11 +142,11 @@ class Search:
                 break
             self.tell(f"round {number + 1}: {sorted(leader.names)} {leader.weight - self.root.weight:+.1f}")
             self.extend(leader)
-            self.with_turbulence(leader)
         for _ in range(2):
             top = self.best()
             for name in sorted(top.names):
                 less = self.without(top, name)
+                less = less if less is None or less.names in self.refined else self.refine(less)
                 if less is not None and len(top.names) > 1 and less.names not in self.scanned:
                     self.extend(less, most=3)
             if self.best() is top:
@@ -118,8 +156,19 @@ class Search:
         return self
 
     def best(self) -> Assessed:
-        """The set of largest weight."""
+        """The set of largest weight, its noise estimated anew; again where another has become the best."""
+        for _ in range(8):
+            top = max(self.visited.values(), key=lambda one: one.weight)
+            if top.names in self.refined:
+                return top
+            self.refine(top)
         return max(self.visited.values(), key=lambda one: one.weight)
+
+    def refine(self, one: Assessed) -> Assessed:
+        """The same set with its noise laws and the sizes of its histories estimated anew."""
+        self.refined.add(one.names)
+        world = self._scaled(one.world, one.laws, (0.3, 3.0)) if one.world.beside is not None else one.world
+        return self.kept(world, one.laws, one.extra, sweeps=1)
 
     def extend(self, parent: Assessed, most: int = LEADERS) -> None:
         """Scan at a set under two noise laws, weigh sets of leads there, fit the leaders."""
@@ -167,35 +216,6 @@ class Search:
 
     def _together(self, one, other) -> bool:
         return one.name != other.name and not never_together(one, other) and not never_together(other, one)
-
-    # ------------------------------------------------------------------ turbulence
-    def with_turbulence(self, parent: Assessed) -> Assessed | None:
-        """The set with a history of gusts as further unknowns, their size and length on a grid."""
-        effect = next((each for each in self.candidates if isinstance(each, NoiseEffect)), None)
-        gust = next((each for each in self.candidates if each.name.startswith("gust-discrete")), None)
-        if effect is None or gust is None or any(each.name == effect.name for each in parent.extra):
-            return None
-        from ident.evidence.gusts import gust_columns, gust_precision
-
-        parts, step = gust_columns(parent.world, gust, self.context)
-        speed = max(self.context.airspeed, 1.0)
-        laws = tuple(law.smaller(QUIETER) for law in parent.laws)
-        best = None
-        world = None
-        for length in (75.0, 150.0, 300.0, 600.0):
-            for sigma in (0.1, 0.2, 0.4, 0.8, 1.6, 3.2):
-                precision = tuple(gust_precision(part.shape[2], step, length / speed, sigma) for part in parts)
-                trial = LinearWorld(parent.fitted, self.context, Columns(parts, precision))
-                if world is not None:
-                    trial._grams = world._grams
-                world = trial
-                value = trial.solution(laws).evidence
-                if best is None or value > best[0]:
-                    best = (value, trial, sigma, length)
-        assert best is not None
-        made = self.kept(best[1], laws, (effect,), sweeps=1, prior=-math.log(6.0))
-        self.tell(f"  turbulence: {(made.weight if made else -math.inf) - self.root.weight:+.1f} sigma {best[2]} length {best[3]}")
-        return made
 
 
 def _starts(lead: Lead, factors: np.ndarray, records: int, interval: float) -> list[dict[str, float]]:
