@@ -11,6 +11,7 @@ import numpy as np
 
 from ident.evidence.histories import force_histories
 from ident.evidence.linear_world import LinearWorld
+from ident.evidence.noise_law import NoiseLaw
 from ident.evidence.posterior_mode import Assessed, Key, assess, begun, first_laws
 from ident.evidence.priors import log_odds
 from ident.evidence.scan import Lead, prepared, scan
@@ -64,11 +65,17 @@ class Search:
         laws = tuple(law.smaller(QUIETER) for law in first_laws(root))
         if histories is None:
             return plain, first_laws(root)
-        world = LinearWorld(root, self.context, histories)
-        for _ in range(3):
-            world = self._scaled(world, laws)
-            laws = world.best_laws(laws, 1, 14)
-        self.tell(f"  histories {[float('%.2g' % s) for s in world.beside.sigma]} shares {[round(law.share, 2) for law in laws]}")
+        found = []
+        # The sensors' discrepancy and the forces are rivals: begun from either side, the likelier is kept.
+        for quiet, share in ((0.1, 0.3), (1.0, 0.03)):
+            world = LinearWorld(root, self.context, histories.with_sigma([share * each for each in histories.sigma]))
+            laws = tuple(NoiseLaw((0.3 if quiet < 1.0 else 1.0) * law.white, quiet * law.discrepancy, law.time) for law in first_laws(root))
+            for _ in range(3):
+                world = self._scaled(world, laws)
+                laws = world.best_laws(laws, 1, 16)
+            found.append((world.solution(laws).evidence + world.log_prior(laws), world, laws))
+        _, world, laws = max(found, key=lambda each: each[0])
+        self.tell(f"  evidence {[round(each[0], 1) for each in found]} histories {[float('%.2g' % s) for s in world.beside.sigma]} shares {[round(law.share, 2) for law in laws]}")
         return world, laws
 
     def _scaled(self, world, laws, factors=(0.1, 0.3, 3.0, 10.0)):
