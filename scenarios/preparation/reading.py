@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -60,9 +60,9 @@ class Prepared:
     look: RawLook = NOTHING_SEEN
 
 
-def prepared(record: Record, plan: Plan, *, own: bool = False) -> tuple[Record, tuple[str, ...]]:
-    """What needs no model: load factors from accelerometers, then the plan's common filter; sentences on both. A sound record comes back itself."""
-    record, of_accelerometers = (record, ()) if own else with_load_factors(record)
+def prepared(record: Record, plan: Plan, *, own: bool = False, kept: Collection[str] = ()) -> tuple[Record, tuple[str, ...]]:
+    """Load factors from accelerometers but for those ``kept``, then the plan's common filter; sentences on both. A sound record comes back itself."""
+    record, of_accelerometers = (record, ()) if own else with_load_factors(record, kept)
     record, of_filter = filtered(record, plan)
     return record, (*of_accelerometers, *([of_filter] if of_filter else []))
 
@@ -115,12 +115,14 @@ def for_model(
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
     own, known = is_own(model), all(stated for _, stated in read)
-    first = [record if own else with_load_factors(record)[0] for record, _ in fitted]
+    kept = [signal.name for signal in model.equations.outputs]
+    first = [record if own else with_load_factors(record, kept)[0] for record, _ in fitted]
     hold, weight, notes = _readings(first, model, plan, known=known) if decided is None else (plan.hold or decided.hold, decided.weight, [])
     records: list[Record] = []
     told: list[str] = []
     for record, stated in read:
-        one, sentences = prepared(record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold), plan, own=own)
+        as_read = record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold)
+        one, sentences = prepared(as_read, plan, own=own, kept=kept)
         records.append(one)
         told += sentences
     with np.errstate(over="ignore", invalid="ignore"):  # numbers beyond all measure are for the fit to refuse
