@@ -25,8 +25,9 @@ from scenarios.preparation.trim import of_totals
 from scenarios.studies.engines import UNSCENTED
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import ParameterSet
+from sim.declaration.parameters import Parameter, ParameterSet
 from sim.declaration.system import System
+from sim.effects.input_path.actuator_lag import ActuatorLag
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Record
 from sim.vehicles.multirotor import Multirotor
@@ -244,7 +245,8 @@ def forced(model: Model, records: Sequence[Record] = ()) -> Model:
     """The model with what filter error estimates besides the derivatives.
 
     Turbulence where gusts act, white noise on the acceleration of a falling body. Of a user's own model and of a multirotor, which feels gusts
-    as moments without a model of them, white noise on each state whose rate has a free parameter, in proportion to what that state changes in a second in ``records``; a common factor on its standard deviation is estimated.
+    as moments without a model of them, white noise on each state whose rate has a free parameter,
+    in proportion to what that state changes in a second in ``records``; a common factor on its standard deviation is estimated.
 
     Raises
     ------
@@ -329,10 +331,20 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
         else:
             value, prior = _first_state(item.name, record, outputs, std, spread)
         states.append(replace(item, value=value, prior_std=prior))
+    states += _settled_actuators(model, record)
     zeros = {f"bias_{name}": 0.0 if totals else begins[name] for name in model.biases}
     parameters = model.parameters.with_values(zeros)
     parameters = parameters.with_prior({f"bias_{name}": (BIASED if totals else 3.0) * spread[name] for name in model.biases})
     return replace(model, initial=ParameterSet(tuple(states)), parameters=parameters, noise=Noise(std))
+
+
+def _settled_actuators(model: Model, record: Record) -> list[Parameter]:
+    """Where the states of the model's own lags begin in a filter: settled at the first input, as a whole-record simulation has them."""
+    lags = [effect for effect in model.effects if isinstance(effect, ActuatorLag)]
+    first = {effect.signal: float(record[effect.signal].values[0]) for effect in lags}
+    return [
+        Parameter(state.name, first[effect.signal], state.unit, free=False, source="settled") for effect in lags for state in effect.online_states
+    ]
 
 
 def _near_fit(model: Model, fit: Estimate) -> Model:
