@@ -27,6 +27,7 @@ from sim.record import Hold, Record
 Read = tuple[Record, bool]  # a record, and whether its file says how its inputs are to be read
 PLAIN = 0.15  # of a residual, by which a record without trim lift shows itself; other effects that a model lacks do less
 PREDICTED_THROUGH = "the record has a gap in time, through which its inputs are held; cut it with --from and --to"
+THRUST = "thrust_command"
 STEADY = 0.01  # of the pressure, within which its change is no evidence of anything
 
 
@@ -138,8 +139,14 @@ def for_model(
     wider, ready, said = with_attitude(wider, ready)
     told += [said] if said else []
     told += ["the airspeed is measured: speed-variation is no candidate"] if flown else []
-    doubts = tuple(flow_doubts(records, model))
+    doubts = (*flow_doubts(records, model), *_idle_motors(records))
     return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(records[:split]), (*grouped(told, records), *notes), doubts)
+
+
+def _idle_motors(records: Sequence[Record]) -> list[str]:
+    """A sentence on each record of a multirotor whose motors had no thrust: its commands answer a motion that something else makes."""
+    idle = [record.name for record in records if THRUST in record.input_names and not np.any(record[THRUST].values)]
+    return [f"{name}: {THRUST} is zero throughout, so the motors moved nothing; use a part of the log in flight (--from, --to)" for name in idle]
 
 
 def _shown(value: float, unit: str) -> str:
