@@ -138,6 +138,14 @@ def ardupilot(path: Path, columns: dict[str, np.ndarray]) -> Path:
     return write_dataflash(path, messages, {"IMU": "sEEEooo", "RATE": "s----"})
 
 
+def write_all(folder: Path) -> None:
+    """The flight as ``quad.ulg`` and ``quad.bin``, and one whose roll gyro is 30 ms late as ``late.ulg``."""
+    columns = flight()
+    px4(folder / "quad.ulg", columns)
+    ardupilot(folder / "quad.bin", columns)
+    px4(folder / "late.ulg", flight(gyro_delay=0.03, seed=12))
+
+
 def by_hand(path: Path, columns: dict[str, np.ndarray]) -> Path:
     """The same as a table with the project's own names."""
     rows = [",".join(columns), *(",".join(repr(float(value)) for value in row) for row in zip(*columns.values(), strict=True))]

@@ -41,7 +41,7 @@ def done(flightid: CommandLine, command: str, log: Path, out: Path, *options: st
     return dict(json.loads((out / "study" / name).read_text()))
 
 
-@pytest.mark.parametrize("method", ["output-error", "equation-error"])
+@pytest.mark.parametrize("method", ["output-error", pytest.param("equation-error", marks=pytest.mark.slow)])
 def test_logs_give_the_truth_and_the_numbers_of_a_table_made_by_hand(flightid: CommandLine, logs: Path, tmp_path: Path, method: str) -> None:
     found = {
         suffix: done(flightid, "identify", logs / f"quad{suffix}", tmp_path / suffix[1:], "--method", method)
@@ -58,16 +58,19 @@ def test_logs_give_the_truth_and_the_numbers_of_a_table_made_by_hand(flightid: C
             assert parameter["std"] == pytest.approx(expected[name]["std"], rel=1e-3), (suffix, name)
 
 
-def test_a_late_gyro_is_traced_from_logs_with_the_numbers_of_a_table(flightid: CommandLine, logs: Path, tmp_path: Path) -> None:
-    found = {suffix: done(flightid, "diagnose", logs / f"late{suffix}", tmp_path / suffix[1:]) for suffix in (".csv", *WRITERS)}
-    expected = found[".csv"]
+@pytest.mark.parametrize("suffixes", [(".ulg",), pytest.param((".csv", ".ulg", ".bin"), marks=pytest.mark.slow)])
+def test_a_late_gyro_is_traced_from_logs_with_the_numbers_of_a_table(
+    flightid: CommandLine, logs: Path, tmp_path: Path, suffixes: tuple[str, ...]
+) -> None:
+    found = {suffix: done(flightid, "diagnose", logs / f"late{suffix}", tmp_path / suffix[1:]) for suffix in suffixes}
+    expected = found[suffixes[0]]
     assert expected["verdict"] == "traced" and [effect["name"] for effect in expected["effects"]] == ["sensor-delay:p"]
     delay = expected["effects"][0]["parameters"]["delay"]
     assert abs(delay["value"] - 0.03) < 3.0 * delay["std"] and delay["std"] < 1e-3
     after = expected["parameters"]["after"]
     for name, truth in TRUTH.items():
         assert abs(after[name]["value"] - truth) < 3.0 * after[name]["std"], (name, after[name])
-    for suffix in WRITERS:
+    for suffix in suffixes[1:]:
         assert found[suffix]["verdict"] == "traced" and [effect["name"] for effect in found[suffix]["effects"]] == ["sensor-delay:p"]
         for name in TRUTH:
             same = found[suffix]["parameters"]["after"][name]
