@@ -135,10 +135,7 @@ def _with_motors(data: VehicleData, model: Model) -> Model:
     """The model with what a set gives of the path from commands to motors."""
     given = {name: _checked(data, name, "s") for name in (LAG, DELAY) if name in data}
     model = model.with_effects(*motor_path(lag=LAG in given, delay=DELAY in given))
-    items = (
-        replace(item, value=given[item.name].value, source=given[item.name].source) if item.name in given else item
-        for item in model.parameters
-    )
+    items = (replace(item, value=given[item.name].value, source=given[item.name].source) if item.name in given else item for item in model.parameters)
     return model.with_parameters(ParameterSet(tuple(items)))
 
 

@@ -38,6 +38,7 @@ AXES = (("L_p", "L_lat", "L_0", "p", "roll"), ("M_q", "M_lon", "M_0", "q", "pitc
 GAINS = (0.11, 0.12, 0.25)  # command per rad/s of error
 NOISE = {"p": 0.3 * DEGREE, "q": 0.3 * DEGREE, "r": 0.2 * DEGREE, "az": 0.15}
 HOVER = 0.39
+FINE = 1e-3  # s, of the rates that a late gyro looks back to
 
 
 def wanted(axis: int, time: float) -> float:
@@ -77,15 +78,12 @@ def flight(gyro_delay: float = 0.0, seed: int = 11, noise: float = 1.0, duration
         for span, index in ((part, before), (step - part, after if part > 1e-9 else before)):
             for axis, names in enumerate(AXES):
                 states[axis][3] = commands[axis, max(index, 0)] if index >= 0 else commands[axis, 0]
-                history[axis] += _advance(states[axis], names, span, step)
+                history[axis] += _advance(states[axis], names, span)
             thrust[1] = commands[3, max(index, 0)]
             thrust[0] = thrust[1] + (thrust[0] - thrust[1]) * np.exp(-span / TRUTH["motor_time_constant"])
     az = TRUTH["Z_0"] + TRUTH["Z_col"] * lifted + noise * NOISE["az"] * rng.standard_normal(count)
-    names = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
-    return {"time": time, **dict(zip(names, commands, strict=True)), "p": rates[0], "q": rates[1], "r": rates[2], "az": az}
-
-
-FINE = 1e-3  # s, of the rates that a late gyro looks back to
+    called = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
+    return {"time": time, **dict(zip(called, commands, strict=True)), "p": rates[0], "q": rates[1], "r": rates[2], "az": az}
 
 
 def _late(history: list[float], delay: float) -> float:
@@ -93,22 +91,16 @@ def _late(history: list[float], delay: float) -> float:
     return history[-1 - back] if back < len(history) else history[0]
 
 
-def _advance(state: np.ndarray, names: tuple[str, ...], span: float, step: float) -> list[float]:
+def _advance(state: np.ndarray, names: tuple[str, ...], span: float) -> list[float]:
     """Move rate and motor on by ``span`` s under a constant command, in milliseconds; the rates on the way."""
     damping, gain, constant = (TRUTH[name] for name in names[:3])
     lag = TRUTH["motor_time_constant"]
     slopes = np.array([[damping, gain, constant, 0.0], [0.0, -1.0 / lag, 0.0, 1.0 / lag], [0.0] * 4, [0.0] * 4])
-    key = (names[0], lag)
-    if key not in _STEPS:
-        _STEPS[key] = expm(slopes * FINE)
-    seen = []
+    once, seen = expm(slopes * FINE), []
     for _ in range(round(span / FINE)):
-        state[:] = _STEPS[key] @ state
+        state[:] = once @ state
         seen.append(float(state[0]))
     return seen
-
-
-_STEPS: dict[tuple[str, float], np.ndarray] = {}
 
 
 def px4(path: Path, columns: dict[str, np.ndarray]) -> Path:

@@ -43,10 +43,7 @@ def done(flightid: CommandLine, command: str, log: Path, out: Path, *options: st
 
 @pytest.mark.parametrize("method", ["output-error", pytest.param("equation-error", marks=pytest.mark.slow)])
 def test_logs_give_the_truth_and_the_numbers_of_a_table_made_by_hand(flightid: CommandLine, logs: Path, tmp_path: Path, method: str) -> None:
-    found = {
-        suffix: done(flightid, "identify", logs / f"quad{suffix}", tmp_path / suffix[1:], "--method", method)
-        for suffix in (".csv", *WRITERS)
-    }
+    found = {suffix: done(flightid, "identify", logs / f"quad{suffix}", tmp_path / suffix[1:], "--method", method) for suffix in (".csv", *WRITERS)}
     expected = found[".csv"]["parameters"]
     assert set(expected) == set(TRUTH)
     for name, truth in TRUTH.items():
@@ -103,3 +100,12 @@ def test_idle_motors_are_said(flightid: CommandLine, tmp_path: Path) -> None:
         "identify", str(tmp_path / "bench.csv"), "--model", "multirotor", "--vehicle", str(tmp_path / "quad.toml"), "--no-figures"
     )
     assert "thrust_command is zero throughout" in " ".join(printed.split())
+
+
+def test_maneuvers_of_a_quadrotor_are_found_in_its_commands(flightid: CommandLine, logs: Path, tmp_path: Path) -> None:
+    flightid.done("map", str(logs / "quad.ulg"), "--out", str(tmp_path / "draft"))
+    channels = str(tmp_path / "draft" / "channels.toml")
+    printed = flightid.done("maneuvers", str(logs / "quad.ulg"), "--channels", channels, "--no-figures")
+    lines = [line.split() for line in printed.splitlines()]
+    rows = [(words[3], words[5]) for words in lines if len(words) > 6 and words[0].isdigit()]
+    assert {("roll", "roll_command"), ("pitch", "pitch_command"), ("yaw", "yaw_command")} <= set(rows)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -67,14 +68,11 @@ def test_topics_at_a_fifth_of_the_rate_give_the_truth(flightid: CommandLine, tmp
         assert abs(found[name]["estimate"] - truth) < max(4.0 * found[name]["std"], 0.05 * abs(truth)), (name, found[name])
 
 
-def test_a_log_is_diagnosed(flightid: CommandLine, tmp_path: Path) -> None:
-    (tmp_path / "uav.toml").write_text(VEHICLE)
-    (tmp_path / "map.toml").write_text(PX4)
-    log = px4(tmp_path / "uav.ulg", flight(delay=0.06))
-    out = tmp_path / "study"
-    flightid.done("diagnose", str(log), "--model", "rigid", "--vehicle", str(tmp_path / "uav.toml"), "--channels", str(tmp_path / "map.toml"),
-                  "--no-figures", "--out", str(out))  # fmt: skip
-    content = json.loads((out / "diagnosis.json").read_text())
+@pytest.mark.parametrize(("suffix", "write", "channels"), [(".ulg", px4, PX4), (".bin", ardupilot, ARDUPILOT)])
+def test_a_log_is_diagnosed(
+    flightid: CommandLine, tmp_path: Path, suffix: str, write: Callable[[Path, dict[str, np.ndarray]], Path], channels: str
+) -> None:
+    content = diagnosed(flightid, tmp_path, write(tmp_path / f"uav{suffix}", flight(delay=0.06)), channels)
     named = {name for effect in content["effects"] for name in (effect["name"], *effect["alternatives"])}
     assert content["verdict"] in ("traced", "ambiguous", "partial") and "input-delay" in named
 
@@ -89,7 +87,7 @@ def diagnosed(flightid: CommandLine, folder: Path, record: Path, channels: str =
     return dict(json.loads((out / "diagnosis.json").read_text()))
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.06])
+@pytest.mark.parametrize("delay", [0.0, pytest.param(0.06, marks=pytest.mark.slow)])
 def test_logs_of_sweeps_are_diagnosed_as_the_table_made_by_hand(flightid: CommandLine, tmp_path: Path, delay: float) -> None:
     columns = flight(delay=delay, elevator=sweep)
     expected = diagnosed(flightid, tmp_path, by_hand(tmp_path, columns))
