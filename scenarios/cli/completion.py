@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from scenarios.trials.names import LOOP
 
 # Said here once more, so that neither help nor completion loads what computes; a test holds both against the lists that count.
-MODEL_NAMES = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal")
+MODEL_NAMES = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal", "multirotor")
 METHOD_NAMES = ("output-error", "filter-error", "frequency-domain", "equation-error", "ekf", "ukf")
 
 

@@ -23,7 +23,11 @@ from scenarios.files.records import read_record
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 
-INPUTS = ("elevator", "stick", "aileron", "rudder", "thrust")
+SURFACES = ("elevator", "stick", "aileron", "rudder", "thrust")
+COMMANDS = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
+INPUTS = (*SURFACES, *COMMANDS)
+# Columns in which PX4 says what flies, and the number that means a multirotor.
+ROTARY_WING = {"vehicle_status.vehicle_type": 1.0, "vehicle_status.is_rotary_wing": 1.0}
 UNIT_WORDS = ("deg", "rad", "degs", "rads", "ms", "ms2", "kt", "kts", "ktas", "kias", "ft", "m", "g")
 BEYOND = {"rad": 1.6, "rad/s": 8.0}  # an unlabelled angle or rate that moves further is more likely to be in degrees
 EVEN = 1e-3  # of the step, by which the steps of a clock may differ
@@ -87,7 +91,9 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
     """
     topics = file.topics or (Topic("", file.table),)
     degrees = _in_degrees(topics)
-    found = [guess for channel in CHANNEL_UNITS if (guess := _guess(channel, topics, degrees)) is not None]
+    no_channels = (*SURFACES, "airspeed") if _is_multirotor(topics) else COMMANDS
+    known = [channel for channel in CHANNEL_UNITS if channel not in no_channels]
+    found = [guess for channel in known if (guess := _guess(channel, topics, degrees)) is not None]
     clockless: tuple[str, ...] = ()
     if not any(guess.channel == TIME for guess in found) and len(topics) == 1 and rate is None:
         clockless = ("the file has no clock; give its rate with --rate HZ, or name the column of time",)
@@ -116,10 +122,13 @@ def map_text(draft: Draft) -> str:
         column = choice.column if isinstance(choice.column, int) else _quoted(choice.column)
         entry = str(column) if choice.unit is None else f"{{column = {column}, unit = {_quoted(choice.unit)}}}"
         lines.append(f"{'# ' if guess.fault else ''}{guess.channel} = {entry}  # {guess.reason}{doubt}")
-    missing = [name for name in ("elevator", "aileron", "rudder", "alpha", "beta", "q") if name not in {guess.channel for guess in draft.guesses}]
+    wanted = (*COMMANDS, "p", "q", "r", "az") if draft.model == "multirotor" else ("elevator", "aileron", "rudder", "alpha", "beta", "q")
+    missing = [name for name in wanted if name not in {guess.channel for guess in draft.guesses}]
     if missing:
         lines.append(f"# Not found: {', '.join(missing)}. A line is such as")
-        lines.append('# elevator = {column = "0.5*(elevon_left + elevon_right)", unit = "deg"}')
+        example = "(RCOU.C1 - 1500) / 500" if draft.model == "multirotor" else "0.5*(elevon_left + elevon_right)"
+        unit = "" if draft.model == "multirotor" else ', unit = "deg"'
+        lines.append(f'# {missing[0] if unit == "" else "elevator"} = {{column = "{example}"{unit}}}')
     if draft.unused:
         shown = ", ".join(draft.unused[:60]) + (", ..." if len(draft.unused) > 60 else "")
         lines.append(f"# Columns left: {shown}")
@@ -131,6 +140,8 @@ def vehicle_text(draft: Draft) -> str:
     model = draft.model or "rigid"
     if model == "ballistic":
         return _BALLISTIC.format(name=_quoted(draft.file.path.stem))
+    if model == "multirotor":
+        return _MULTIROTOR.format(name=_quoted(draft.file.path.stem))
     speed = next((0.5 * (guess.least + guess.most) for guess in draft.guesses if guess.channel == "airspeed" and not guess.fault), None)
     key = "reference_airspeed" if model == "longitudinal" else "airspeed"
     known = f"{key} = {speed:.4g}  # m/s, the middle of the recorded range" if speed else f"# {key} = ...  # m/s"
@@ -160,6 +171,23 @@ gravity = 9.80665  # m/s2
 [derivatives]  # where the search starts
 # beta = ...  # kg/m2: mass / (drag coefficient * area)
 """
+_MULTIROTOR = """# Draft of a vehicle file for --model multirotor: usual sizes for commands from -1 to 1.
+name = {name}
+[derivatives]  # where the search starts; what is left out is held at zero
+L_p = -1.0  # 1/s, roll damping
+L_lat = 60.0  # rad/s2, roll acceleration at full command
+L_0 = 0.0  # rad/s2, that a steady command balances
+M_q = -1.0
+M_lon = 60.0
+M_0 = 0.0
+N_r = -0.5
+N_ped = 10.0
+N_0 = 0.0
+Z_col = -20.0  # m/s2, specific force (down) at full thrust
+Z_0 = 0.0
+motor_time_constant = 0.04  # s
+delay = 0.01  # s, from command to motor
+"""
 _DERIVATIVES = {
     "rigid": ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"),
     "longitudinal": (
@@ -174,6 +202,19 @@ _DERIVATIVES = {
 @lru_cache(maxsize=1)
 def _recorder_names() -> Mapping[str, Any]:
     return tomllib.loads(files("scenarios.preparation").joinpath("recorder_names.toml").read_text(encoding="utf-8"))
+
+
+def _is_multirotor(topics: Sequence[Topic]) -> bool:
+    """Whether a log says that a multirotor made it, or has the outputs of its rate controller alone; of a table, whether a column is a command."""
+    for path, number in ROTARY_WING.items():
+        name, _, field = path.rpartition(".")
+        for topic in topics:
+            if topic.name == name and field in topic.table.header:
+                return bool(np.any(_numbers(topic, topic.table.header.index(field)) == number))
+    if len(topics) == 1:
+        return any(_plain(split_header(cell)[0]) in map(_plain, COMMANDS) for cell in topics[0].table.header)
+    airspeed = any(topic.name.split("[")[0] in ("ARSP", "AOA", "airspeed_validated") for topic in topics)
+    return _has("RATE.ROut", topics) and not airspeed
 
 
 def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> Guess | None:
@@ -281,6 +322,8 @@ def _summary(topic: Topic) -> TopicSummary:
 
 
 def _model_for(channels: set[str]) -> str:
+    if {"roll_command", "pitch_command", "yaw_command"} & channels and {"p", "q", "r"} & channels:
+        return "multirotor"
     if "elevator" in channels and {"q", "alpha", "nz", "az"} & channels:
         return "longitudinal" if {"airspeed", "theta", "thrust"} <= channels else "rigid"
     if {"aileron", "rudder"} & channels and {"p", "r", "beta"} & channels:

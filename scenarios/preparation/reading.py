@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -27,6 +27,7 @@ from sim.record import Hold, Record
 Read = tuple[Record, bool]  # a record, and whether its file says how its inputs are to be read
 PLAIN = 0.15  # of a residual, by which a record without trim lift shows itself; other effects that a model lacks do less
 PREDICTED_THROUGH = "the record has a gap in time, through which its inputs are held; cut it with --from and --to"
+THRUST = "thrust_command"
 STEADY = 0.01  # of the pressure, within which its change is no evidence of anything
 
 
@@ -60,9 +61,9 @@ class Prepared:
     look: RawLook = NOTHING_SEEN
 
 
-def prepared(record: Record, plan: Plan, *, own: bool = False) -> tuple[Record, tuple[str, ...]]:
-    """What needs no model: load factors from accelerometers, then the plan's common filter; sentences on both. A sound record comes back itself."""
-    record, of_accelerometers = (record, ()) if own else with_load_factors(record)
+def prepared(record: Record, plan: Plan, *, own: bool = False, kept: Collection[str] = ()) -> tuple[Record, tuple[str, ...]]:
+    """Load factors from accelerometers but for those ``kept``, then the plan's common filter; sentences on both. A sound record comes back itself."""
+    record, of_accelerometers = (record, ()) if own else with_load_factors(record, kept)
     record, of_filter = filtered(record, plan)
     return record, (*of_accelerometers, *([of_filter] if of_filter else []))
 
@@ -115,12 +116,14 @@ def for_model(
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
     own, known = is_own(model), all(stated for _, stated in read)
-    first = [record if own else with_load_factors(record)[0] for record, _ in fitted]
+    kept = [signal.name for signal in model.equations.outputs]
+    first = [record if own else with_load_factors(record, kept)[0] for record, _ in fitted]
     hold, weight, notes = _readings(first, model, plan, known=known) if decided is None else (plan.hold or decided.hold, decided.weight, [])
     records: list[Record] = []
     told: list[str] = []
     for record, stated in read:
-        one, sentences = prepared(record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold), plan, own=own)
+        as_read = record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold)
+        one, sentences = prepared(as_read, plan, own=own, kept=kept)
         records.append(one)
         told += sentences
     with np.errstate(over="ignore", invalid="ignore"):  # numbers beyond all measure are for the fit to refuse
@@ -136,8 +139,14 @@ def for_model(
     wider, ready, said = with_attitude(wider, ready)
     told += [said] if said else []
     told += ["the airspeed is measured: speed-variation is no candidate"] if flown else []
-    doubts = tuple(flow_doubts(records, model))
+    doubts = (*flow_doubts(records, model), *_idle_motors(records))
     return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(records[:split]), (*grouped(told, records), *notes), doubts)
+
+
+def _idle_motors(records: Sequence[Record]) -> list[str]:
+    """A sentence on each record of a multirotor whose motors had no thrust: its commands answer a motion that something else makes."""
+    idle = [record.name for record in records if THRUST in record.input_names and not np.any(record[THRUST].values)]
+    return [f"{name}: {THRUST} is zero throughout, so the motors moved nothing; use a part of the log in flight (--from, --to)" for name in idle]
 
 
 def _shown(value: float, unit: str) -> str:

@@ -156,6 +156,23 @@ SIM = (
         ("s.p * sin(p.trim_alpha) - s.r", "s.p * sin(p.trim_alpha) + s.r"),
     ),
     *changes(
+        "sim/vehicles/multirotor.py",
+        ("tests/unit/sim/vehicles/test_multirotor.py",),
+        ("p.M_pr * s.p * s.r", "p.M_pr * s.p * s.q"),
+        ("p.Z_0 + p.Z_col * s.thrust_command", "p.Z_0 - p.Z_col * s.thrust_command"),
+        ("ActuatorLag(name, \"1\", name, LAG) for name in COMMANDS)", "ActuatorLag(name, \"1\", name, LAG) for name in COMMANDS[:3])"),
+    ),
+    *changes(
+        "sim/declaration/model.py",
+        ("tests/unit/sim/vehicles/test_multirotor.py",),
+        ("for item in gone[0].parameters} - shared", "for item in gone[0].parameters}"),
+    ),
+    *changes(
+        "scenarios/preparation/reading.py",
+        ("tests/integration/commands/test_quadrotor_logs.py",),
+        ("in record.input_names and not np.any(", "in record.input_names and np.any("),
+    ),
+    *changes(
         "sim/vehicles/longitudinal.py",
         ("tests/unit/sim/vehicles/test_second_writings.py",),
         ("lift * cosine + drag * sine", "lift * cosine - drag * sine"),

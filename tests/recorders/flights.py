@@ -5,6 +5,7 @@ The flight is integrated here, apart from the project's own equations, so that w
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -33,18 +34,28 @@ Cm_de = -0.9
 RATE, STEPS, DURATION = 100.0, 10, 20.0
 
 
-def flight(delay: float = 0.0, seed: int = 7) -> dict[str, np.ndarray]:
+def steps(t: np.ndarray | float) -> np.ndarray:
+    """An elevator of two 3-2-1-1, rad."""
+    at = np.asarray(t)
+    two = np.where(at < 10.0, at, at - 10.0)
+    size = np.where(at < 10.0, 0.05, -0.04)
+    return size * np.select([(two >= 1) & (two < 1.6), (two >= 1.6) & (two < 2.0), (two >= 2.0) & (two < 2.2), (two >= 2.2) & (two < 2.4)],
+                            [1.0, -1.0, 1.0, -1.0], 0.0)  # fmt: skip
+
+
+def sweep(t: np.ndarray | float) -> np.ndarray:
+    """An elevator at rest, then two sweeps from 0.3 to 3 Hz of other sizes, rad."""
+    at = np.asarray(t)
+    two = np.where(at < 10.0, at, at - 10.0) - 1.0
+    phase = 2.0 * np.pi * 0.3 * 8.0 / np.log(10.0) * (10.0 ** (two / 8.0) - 1.0)
+    return np.where((two >= 0.0) & (two <= 8.0), np.where(at < 10.0, 0.03, -0.02) * np.sin(phase), 0.0)
+
+
+def flight(delay: float = 0.0, seed: int = 7, elevator: Callable[[np.ndarray | float], np.ndarray] = steps) -> dict[str, np.ndarray]:
     """Time, s, elevator, alpha, q in radians at 100 Hz, with noise; the surface follows the recorded elevator ``delay`` s late."""
     rng = np.random.default_rng(seed)
     count = int(DURATION * RATE)
     time = np.arange(count) / RATE
-
-    def elevator(t: np.ndarray | float) -> np.ndarray:
-        at = np.asarray(t)
-        two = np.where(at < 10.0, at, at - 10.0)
-        size = np.where(at < 10.0, 0.05, -0.04)
-        return size * np.select([(two >= 1) & (two < 1.6), (two >= 1.6) & (two < 2.0), (two >= 2.0) & (two < 2.2), (two >= 2.2) & (two < 2.4)],
-                                [1.0, -1.0, 1.0, -1.0], 0.0)  # fmt: skip
 
     q_bar_s = 0.5 * DENSITY * SPEED**2 * AREA
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.integration.command_line import CommandLine
-from tests.recorders.flights import TRUTH, VEHICLE, ardupilot, flight, px4
+from tests.recorders.flights import TRUTH, VEHICLE, ardupilot, flight, px4, sweep
 
 pytest.importorskip("pyulog")
 pytest.importorskip("pymavlink")
@@ -42,7 +44,14 @@ def by_hand(folder: Path, columns: dict[str, np.ndarray]) -> Path:
 
 
 def test_logs_give_the_numbers_of_a_table_made_by_hand(flightid: CommandLine, tmp_path: Path) -> None:
-    columns = flight()
+    _same_numbers(flightid, tmp_path, flight())
+
+
+def test_sweeps_of_elevons_give_the_numbers_of_a_table_made_by_hand(flightid: CommandLine, tmp_path: Path) -> None:
+    _same_numbers(flightid, tmp_path, flight(elevator=sweep))
+
+
+def _same_numbers(flightid: CommandLine, tmp_path: Path, columns: dict[str, np.ndarray]) -> None:
     expected = estimates(flightid, tmp_path, by_hand(tmp_path, columns))
     for name, truth in TRUTH.items():
         assert abs(expected[name]["estimate"] - truth) < 3.5 * expected[name]["std"], name
@@ -59,16 +68,42 @@ def test_topics_at_a_fifth_of_the_rate_give_the_truth(flightid: CommandLine, tmp
         assert abs(found[name]["estimate"] - truth) < max(4.0 * found[name]["std"], 0.05 * abs(truth)), (name, found[name])
 
 
-def test_a_log_is_diagnosed(flightid: CommandLine, tmp_path: Path) -> None:
-    (tmp_path / "uav.toml").write_text(VEHICLE)
-    (tmp_path / "map.toml").write_text(PX4)
-    log = px4(tmp_path / "uav.ulg", flight(delay=0.06))
-    out = tmp_path / "study"
-    flightid.done("diagnose", str(log), "--model", "rigid", "--vehicle", str(tmp_path / "uav.toml"), "--channels", str(tmp_path / "map.toml"),
-                  "--no-figures", "--out", str(out))  # fmt: skip
-    content = json.loads((out / "diagnosis.json").read_text())
+@pytest.mark.parametrize(("suffix", "write", "channels"), [(".ulg", px4, PX4), (".bin", ardupilot, ARDUPILOT)])
+def test_a_log_is_diagnosed(
+    flightid: CommandLine, tmp_path: Path, suffix: str, write: Callable[[Path, dict[str, np.ndarray]], Path], channels: str
+) -> None:
+    content = diagnosed(flightid, tmp_path, write(tmp_path / f"uav{suffix}", flight(delay=0.06)), channels)
     named = {name for effect in content["effects"] for name in (effect["name"], *effect["alternatives"])}
     assert content["verdict"] in ("traced", "ambiguous", "partial") and "input-delay" in named
+
+
+def diagnosed(flightid: CommandLine, folder: Path, record: Path, channels: str = "") -> dict[str, Any]:
+    """The diagnosis of a record with the rigid model."""
+    (folder / "uav.toml").write_text(VEHICLE)
+    (folder / "map.toml").write_text(channels)
+    options = ["--channels", str(folder / "map.toml")] if channels else []
+    out = folder / f"diagnosis-{record.suffix[1:]}"
+    flightid.done("diagnose", str(record), "--model", "rigid", "--vehicle", str(folder / "uav.toml"), *options, "--no-figures", "--out", str(out))
+    return dict(json.loads((out / "diagnosis.json").read_text()))
+
+
+@pytest.mark.parametrize("delay", [0.0, pytest.param(0.06, marks=pytest.mark.slow)])
+def test_logs_of_sweeps_are_diagnosed_as_the_table_made_by_hand(flightid: CommandLine, tmp_path: Path, delay: float) -> None:
+    columns = flight(delay=delay, elevator=sweep)
+    expected = diagnosed(flightid, tmp_path, by_hand(tmp_path, columns))
+    named = [effect["name"] for effect in expected["effects"]]
+    if delay:
+        assert named == ["input-delay"] and expected["verdict"] in ("traced", "ambiguous")
+        found = expected["effects"][0]["parameters"]["delay"]
+        assert abs(found["value"] - delay) < 4.0 * found["std"] + 0.005  # half a sample, by which a held input reads late
+    else:
+        assert expected["verdict"] == "consistent" and not named
+    for log, channels in ((px4(tmp_path / "uav.ulg", columns), PX4), (ardupilot(tmp_path / "uav.bin", columns), ARDUPILOT)):
+        same = diagnosed(flightid, tmp_path, log, channels)
+        assert same["verdict"] == expected["verdict"] and [effect["name"] for effect in same["effects"]] == named, log.name
+        for name in TRUTH:
+            one, other = same["parameters"]["after"][name], expected["parameters"]["after"][name]
+            assert one["value"] == pytest.approx(other["value"], abs=1e-2 * other["std"]), (log.name, name)
 
 
 def test_a_draft_of_a_log_is_a_map_that_reads_it(flightid: CommandLine, tmp_path: Path) -> None:
