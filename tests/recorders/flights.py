@@ -51,19 +51,33 @@ def sweep(t: np.ndarray | float) -> np.ndarray:
     return np.where((two >= 0.0) & (two <= 8.0), np.where(at < 10.0, 0.03, -0.02) * np.sin(phase), 0.0)
 
 
-def flight(delay: float = 0.0, seed: int = 7, elevator: Callable[[np.ndarray | float], np.ndarray] = steps) -> dict[str, np.ndarray]:
-    """Time, s, elevator, alpha, q in radians at 100 Hz, with noise; the surface follows the recorded elevator ``delay`` s late."""
+def flight(
+    delay: float = 0.0,
+    seed: int = 7,
+    elevator: Callable[[np.ndarray | float], np.ndarray] = steps,
+    swing: float = 0.0,
+) -> dict[str, np.ndarray]:
+    """Time, s, elevator, alpha, q in radians at 100 Hz, with noise.
+
+    The surface follows the recorded elevator ``delay`` s late. With a ``swing`` the airspeed swings
+    by so many m/s about its mean, with a period of 12 s, and is recorded, too.
+    """
     rng = np.random.default_rng(seed)
     count = int(DURATION * RATE)
     time = np.arange(count) / RATE
 
-    q_bar_s = 0.5 * DENSITY * SPEED**2 * AREA
+    def speed_at(t: np.ndarray | float) -> np.ndarray:
+        return np.asarray(SPEED + swing * np.sin(2.0 * np.pi * np.asarray(t) / 12.0))
 
     def rates(t: float, x: np.ndarray) -> np.ndarray:
-        q_hat, de = x[1] * CHORD / (2 * SPEED), float(elevator(t - delay))
+        speed = float(speed_at(t))
+        q_bar_s = 0.5 * DENSITY * speed**2 * AREA
+        q_hat, de = x[1] * CHORD / (2 * speed), float(elevator(t - delay))
         lift = TRUTH["CL_alpha"] * x[0] + TRUTH["CL_q"] * q_hat + TRUTH["CL_de"] * de
         moment = TRUTH["Cm_alpha"] * x[0] + TRUTH["Cm_q"] * q_hat + TRUTH["Cm_de"] * de
-        return np.array([x[1] - q_bar_s * lift / (MASS * SPEED), q_bar_s * CHORD * moment / INERTIA])
+        # The lift that carries the weight grows with the dynamic pressure, the weight does not.
+        excess = 9.80665 * (speed**2 / SPEED**2 - 1.0)
+        return np.array([x[1] - q_bar_s * lift / (MASS * speed) - excess / speed, q_bar_s * CHORD * moment / INERTIA])
 
     x, h = np.zeros(2), 1.0 / RATE / STEPS
     states = np.zeros((count, 2))
@@ -78,7 +92,8 @@ def flight(delay: float = 0.0, seed: int = 7, elevator: Callable[[np.ndarray | f
             x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     alpha = states[:, 0] + 0.15 * DEGREE * rng.standard_normal(count)
     q = states[:, 1] + 0.3 * DEGREE * rng.standard_normal(count)
-    return {"time": time, "elevator": elevator(time + 1e-12), "alpha": alpha, "q": q}
+    columns = {"time": time, "elevator": elevator(time + 1e-12), "alpha": alpha, "q": q}
+    return columns | ({"airspeed": speed_at(time)} if swing else {})
 
 
 def write_all(folder: Path) -> None:
@@ -97,7 +112,10 @@ def px4(path: Path, columns: dict[str, np.ndarray], every: int = 1) -> Path:
     zero = 0.0 * stamps
     topics = {
         "vehicle_angular_velocity": {"timestamp": stamps, "xyz[0]": zero, "xyz[1]": columns["q"], "xyz[2]": zero},
-        "airspeed_validated": {"timestamp": stamps[slow], "true_airspeed_m_s": SPEED + zero[slow]},
+        "airspeed_validated": {
+            "timestamp": stamps[slow],
+            "true_airspeed_m_s": columns.get("airspeed", SPEED + zero)[slow],
+        },
         "vane": {"timestamp": stamps[slow], "angle_of_attack": columns["alpha"][slow]},
         "actuator_servos": {"timestamp": stamps[slow], "control[0]": half + 0.05, "control[1]": half - 0.05},
     }
@@ -114,7 +132,10 @@ def ardupilot(path: Path, columns: dict[str, np.ndarray]) -> Path:
         "AOA": {"TimeUS": stamps, "AOA": columns["alpha"] / DEGREE},
         "RCOU": {"TimeUS": stamps, "C1": 1500.0 - 10.0 * angle, "C2": 1510.0 + 10.0 * angle},
     }
-    return write_dataflash(path, messages, {"IMU": "s#E", "AOA": "sd"})
+    units = {"IMU": "s#E", "AOA": "sd"}
+    if "airspeed" in columns:
+        messages["ARSP"], units["ARSP"] = {"TimeUS": stamps, "Airspeed": columns["airspeed"]}, "sn"
+    return write_dataflash(path, messages, units)
 
 
 def _tables(folder: Path, columns: dict[str, np.ndarray]) -> None:

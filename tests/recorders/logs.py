@@ -68,7 +68,7 @@ def write_dataflash(path: Path, messages: Topics, units: Mapping[str, str] | Non
     if units:
         declare(100, 3 + 8 + 1 + 64, "UNIT", "QbZ", ["TimeUS", "Id", "Label"])
         declare(101, 3 + 8 + 1 + 16 + 16, "FMTU", "QBNN", ["TimeUS", "FmtType", "UnitIds", "MultIds"])
-        for letter, label in {"s": "s", "d": "deg", "k": "deg/s", "r": "rad", "E": "rad/s", "#": "instance", "o": "m/s/s"}.items():
+        for letter, label in {"s": "s", "d": "deg", "k": "deg/s", "r": "rad", "E": "rad/s", "#": "instance", "o": "m/s/s", "n": "m/s"}.items():
             out.extend(head(100) + struct.pack("<Qb64s", 0, ord(letter), label.encode()))
         for name, letters in units.items():
             out.extend(head(101) + struct.pack("<QB16s16s", 0, kinds[name], letters.encode(), ("F" + "-" * (len(letters) - 1)).encode()))

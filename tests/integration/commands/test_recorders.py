@@ -23,6 +23,8 @@ ARDUPILOT = """elevator = "0.5*(pwm(RCOU.C2, 1510, 572.9577951308232) - pwm(RCOU
 alpha = {column = "AOA.AOA", unit = "deg"}
 q = "IMU[0].GyrY"
 """
+PX4_AIRSPEED = 'airspeed = "airspeed_validated.true_airspeed_m_s"\n'
+ARDUPILOT_AIRSPEED = 'airspeed = "ARSP.Airspeed"\n'
 
 
 def estimates(flightid: CommandLine, folder: Path, record: Path, channels: str = "") -> dict[str, dict[str, float]]:
@@ -38,13 +40,17 @@ def estimates(flightid: CommandLine, folder: Path, record: Path, channels: str =
 
 def by_hand(folder: Path, columns: dict[str, np.ndarray]) -> Path:
     path = folder / "hand.csv"
-    rows = ["time,elevator,alpha,q", *(",".join(repr(float(value)) for value in row) for row in zip(*columns.values(), strict=True))]
+    rows = [",".join(columns), *(",".join(repr(float(value)) for value in row) for row in zip(*columns.values(), strict=True))]
     path.write_text("\n".join(rows) + "\n")
     return path
 
 
 def test_logs_give_the_numbers_of_a_table_made_by_hand(flightid: CommandLine, tmp_path: Path) -> None:
     _same_numbers(flightid, tmp_path, flight())
+
+
+def test_a_recorded_airspeed_that_swings_gives_the_numbers_of_a_table_made_by_hand(flightid: CommandLine, tmp_path: Path) -> None:
+    _same_numbers(flightid, tmp_path, flight(elevator=sweep, swing=0.8))
 
 
 def test_sweeps_of_elevons_give_the_numbers_of_a_table_made_by_hand(flightid: CommandLine, tmp_path: Path) -> None:
@@ -55,7 +61,11 @@ def _same_numbers(flightid: CommandLine, tmp_path: Path, columns: dict[str, np.n
     expected = estimates(flightid, tmp_path, by_hand(tmp_path, columns))
     for name, truth in TRUTH.items():
         assert abs(expected[name]["estimate"] - truth) < 3.5 * expected[name]["std"], name
-    logs = [(px4(tmp_path / "uav.ulg", columns), PX4), (ardupilot(tmp_path / "uav.bin", columns), ARDUPILOT)]
+    flown = "airspeed" in columns
+    logs = [
+        (px4(tmp_path / "uav.ulg", columns), PX4 + flown * PX4_AIRSPEED),
+        (ardupilot(tmp_path / "uav.bin", columns), ARDUPILOT + flown * ARDUPILOT_AIRSPEED),
+    ]
     for log, channels in logs:
         found = estimates(flightid, tmp_path, log, channels)
         for name in TRUTH:
