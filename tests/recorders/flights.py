@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.recorders.forms import DEGREE
-from tests.recorders.logs import write_dataflash, write_ulog
+from tests.recorders.logs import write_dataflash, write_dataflash_text, write_ulog
 
 TRUTH = {"CL_alpha": 4.8, "CL_q": 7.0, "CL_de": 0.3, "Cm_alpha": -0.9, "Cm_q": -14.0, "Cm_de": -1.1}
 MASS, AREA, CHORD, INERTIA, SPEED, DENSITY = 3.2, 0.62, 0.3, 0.18, 18.0, 1.2
@@ -71,10 +71,11 @@ def flight(delay: float = 0.0, seed: int = 7) -> dict[str, np.ndarray]:
 
 
 def write_all(folder: Path) -> None:
-    """The flight as ``uav.ulg``, ``uav.bin``, ``uav.xlsx``, ``uav.mf4``, ``uav.tdms``, ``uav.h5``, ``uav.mat``, ``uav.txt`` and ``uav.csv``."""
+    """The flight as ``uav.`` and ``ulg``, ``bin``, ``log``, ``xlsx``, ``mf4``, ``tdms``, ``h5``, ``mat``, ``txt`` and ``csv``."""
     columns = flight()
     px4(folder / "uav.ulg", columns)
     ardupilot(folder / "uav.bin", columns)
+    ardupilot(folder / "uav.log", columns)
     _tables(folder, columns)
 
 
@@ -94,7 +95,7 @@ def px4(path: Path, columns: dict[str, np.ndarray], every: int = 1) -> Path:
 
 
 def ardupilot(path: Path, columns: dict[str, np.ndarray]) -> Path:
-    """A DataFlash log: two IMUs, angle of attack in degrees, servo pulses of two elevons of which the left one is reversed."""
+    """A DataFlash log, a text one by the suffix ``.log``: two IMUs, angle of attack in degrees, servo pulses of elevons, the left one reversed."""
     stamps = np.round(1e6 * (12.0 + columns["time"]))
     angle = columns["elevator"] / DEGREE
     both = np.repeat(stamps, 2)
@@ -103,7 +104,7 @@ def ardupilot(path: Path, columns: dict[str, np.ndarray]) -> Path:
         "AOA": {"TimeUS": stamps, "AOA": columns["alpha"] / DEGREE},
         "RCOU": {"TimeUS": stamps, "C1": 1500.0 - 10.0 * angle, "C2": 1510.0 + 10.0 * angle},
     }
-    return write_dataflash(path, messages, {"IMU": "s#E", "AOA": "sd"})
+    return (write_dataflash_text if path.suffix == ".log" else write_dataflash)(path, messages, {"IMU": "s#E", "AOA": "sd"})
 
 
 def _tables(folder: Path, columns: dict[str, np.ndarray]) -> None:

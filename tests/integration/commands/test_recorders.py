@@ -46,7 +46,8 @@ def test_logs_give_the_numbers_of_a_table_made_by_hand(flightid: CommandLine, tm
     expected = estimates(flightid, tmp_path, by_hand(tmp_path, columns))
     for name, truth in TRUTH.items():
         assert abs(expected[name]["estimate"] - truth) < 3.5 * expected[name]["std"], name
-    logs = [(px4(tmp_path / "uav.ulg", columns), PX4), (ardupilot(tmp_path / "uav.bin", columns), ARDUPILOT)]
+    logs = [(px4(tmp_path / "uav.ulg", columns), PX4)]
+    logs += [(ardupilot(tmp_path / name, columns), ARDUPILOT) for name in ("uav.bin", "uav.log")]
     for log, channels in logs:
         found = estimates(flightid, tmp_path, log, channels)
         for name in TRUTH:
@@ -78,3 +79,9 @@ def test_a_draft_of_a_log_is_a_map_that_reads_it(flightid: CommandLine, tmp_path
     assert 'q = "IMU[0].GyrY"' in text and 'alpha = {column = "AOA.AOA", unit = "deg"}' in text
     assert "a log of 4 topics" in printed and "drafts to check" in printed
     assert "already" in flightid.refused("map", str(tmp_path / "uav.bin"), "--out", str(tmp_path / "draft"))
+
+
+def test_a_damaged_text_log_is_refused_in_one_line(flightid: CommandLine, tmp_path: Path) -> None:
+    log = ardupilot(tmp_path / "uav.log", flight())
+    log.write_text(log.read_text().replace("FMT, 1, 20, IMU, QBd", "FMT, 1, 20, IMU, Q?d"))
+    assert "not a readable ArduPilot DataFlash file" in flightid.refused("map", str(log))

@@ -14,7 +14,7 @@ from tests.recorders.forms import FORMS, record
 
 COUNT = 200
 BINARY = ("parquet", "feather", "excel", "ods", "hdf5", "mat vectors", "mat nested", "mat matrix", "mat 7.3", "mdf", "tdms", "ulog", "dataflash")
-TEXT = ("blanks", "bar", "no header", "utf-16", "preamble", "iso", "hh:mm:ss", "irig", "microseconds", "row of units")
+TEXT = ("dataflash text", "blanks", "bar", "no header", "utf-16", "preamble", "iso", "hh:mm:ss", "irig", "microseconds", "row of units")
 KINDS = ("cut", "flip", "zero", "doubled", "random tail", "other suffix", "head only", "exchanged")
 
 
