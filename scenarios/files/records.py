@@ -159,6 +159,12 @@ def refuse_without_clock(file: RecordFile) -> None:
     _clock_column(file, file.choices, CHANNEL_UNITS, None)
 
 
+def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> None:
+    """Raise RecordError where a file has one clock, so that no rate is missing: for a search among the samples as they were taken."""
+    if not file.topics and (TIME in (channel_map or file.choices) or clock_place(file.table) is not None):
+        raise RecordError("the file has a clock of its own", where=f"{file.path}, --rate", remedy="leave --rate out: nothing is resampled here")
+
+
 def column_of(file: RecordFile, channel: str) -> Column:
     """The column of one of our channels by the file's own channel map. Raises RecordError where there is none, as ``find_column`` else."""
     column = _columns(file, [channel], set(), file.choices, CHANNEL_UNITS)[channel]

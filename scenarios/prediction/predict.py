@@ -187,7 +187,8 @@ def _plan(kept: KeptModel, asked: Plan) -> Plan:
     """The study's preparation, and of the record the part that is asked."""
     reading = kept.reading
     hold = Hold(reading.hold) if reading.by_hand else None
-    return Plan(asked.segments, hold, reading.rate or None, reading.lowpass or None, reading.trusted or asked.trusted)
+    trusted = reading.trusted or asked.trusted
+    return Plan(asked.segments, hold, asked.rate or reading.rate or None, reading.lowpass or None, trusted, asked.columns, asked.chosen)
 
 
 def _refuse_without_attitude(kept: KeptModel, declared: Model, record: Record) -> None:

@@ -23,6 +23,7 @@ class Reading(BaseModel):
 
     model_config = STRICT
     channels: Name | None = None
+    columns: Name | Annotated[list[Name], Field(min_length=1)] | None = None
     from_: Number | None = Field(None, alias="from")
     to: Number | None = None
     maneuver: int | Name | Annotated[list[int | Name], Field(min_length=1)] | None = None

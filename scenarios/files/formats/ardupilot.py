@@ -159,7 +159,7 @@ def _topics(path: Path, layout: Any, fields: dict[str, np.ndarray] | None, notes
     instance = layout.instance_field
     if instance is None or instance not in fields:
         return [Topic(layout.name, table_of_columns(path, fields, units, place=f"message {layout.name}"), notes)]
-    found = []
+    found: list[Topic] = []
     for number in np.unique(fields[instance][np.isfinite(fields[instance])]):
         mine, name = fields[instance] == number, f"{layout.name}[{int(number)}]"
         columns = {column: values[mine] for column, values in fields.items()}
