@@ -14,13 +14,14 @@ from scenarios.files.measured.record_file import RecordFile, path_of, read_with_
 from scenarios.files.own_models import channel_units
 from scenarios.files.vehicles import VehicleFile, read_beside, read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.identification.assessment.intervals import SETTLED
+from scenarios.identification.assessment.prediction import pooled_fits
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.identify import identify
 from scenarios.identification.input_reading import WORDS, OtherReading, opposite, other_reading
 from scenarios.identification.methods import FILTERS, METHODS, forced, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
 from scenarios.identification.sigma_cautions import slow_residuals
-from scenarios.identification.wild_points import wild_points, with_wild_points, without
+from scenarios.identification.wild_points import left_out, same_points, wild_points, with_wild_points, without
 from scenarios.preparation.cruise import cruise_caution
 from scenarios.preparation.interpreting import BETTER, held_by_computer, likelier_by
 from scenarios.preparation.plan import BY_HAND
@@ -102,7 +103,8 @@ def _identified(
     ready = prepare(files[0], model_of_file(vehicle), plan, choices, files[1], flow=flow, attitude=attitude)
     refuse_strangers(ready.fitted, ready.validation)
     refuse_still(ready.fitted, ready.model)
-    refuse_unpredictable(ready.validation, ready.model)
+    refuse_unpredictable(ready.predicted, ready.model)
+    trusted = plan.trusted or method == FREQUENCY
     first, *others = ready.measured if own else ready.fitted
     notes = ready.notes
     if method in FILTERS and others and len(files[0]) * len(plan.segments) == 1:
@@ -110,10 +112,13 @@ def _identified(
         notes = (*notes, f"a filter runs along one part of a record: the longest, {first.name}, is used")
 
     def fitted(records: Sequence[Record]) -> Identification:
-        return identify(records[0], vehicle, method, records[1:], ready.model, ready.validation, asked)
+        return identify(records[0], vehicle, method, records[1:], ready.model, ready.validation, asked, trusted=trusted)
 
-    found, masks = _without_wild_points(fitted, (first, *others), trusted=plan.trusted or method == FREQUENCY)
+    found, masks = _without_wild_points(fitted, (first, *others), trusted=trusted)
     look = with_wild_points(ready.look, (first, *others), masks)
+    held = [fit.record for fit in found.fits if fit.held_out]
+    look = with_wild_points(look, ready.validation, [left_out(*pair) for pair in zip(ready.validation, held, strict=True)])
+    found = replace(found, fits=pooled_fits(found.fits, ready.parted))
     by_name = {record.name: some for record, some in zip((first, *others), masks, strict=True)}
     measured = tuple(without(record, by_name.get(record.name, {})) for record in ready.measured)
     cruise = cruise_caution(ready.measured, files[0][0].identity.name)
@@ -147,18 +152,13 @@ def _without_wild_points(
     found = fitted(records)
     masks: list[dict[str, np.ndarray]] = [{} for _ in records]
     for _ in range(0 if trusted else 2):
-        again = wild_points(found, records)
-        if _same(again, masks):
+        fits = [fit for fit in found.fits if not fit.held_out]
+        again = wild_points(fits[0].outputs if fits else (), [fit.simulated for fit in fits], records)
+        if same_points(again, masks):
             break
         masks = again
         found = fitted([without(record, some) for record, some in zip(records, masks, strict=True)])
     return found, masks
-
-
-def _same(some: Sequence[dict[str, np.ndarray]], others: Sequence[dict[str, np.ndarray]]) -> bool:
-    """Whether two lists of masks name the same samples."""
-    pairs = zip(some, others, strict=True)
-    return all(a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a) for a, b in pairs)
 
 
 def _read_otherwise(
