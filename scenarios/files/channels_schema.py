@@ -47,6 +47,8 @@ def _increasing(values: Sequence[float]) -> bool:
 
 
 def _table(value: object) -> object:
+    if value is False:
+        return value
     if isinstance(value, str | int) and not isinstance(value, bool):
         return {"column": value}
     if not isinstance(value, dict):
@@ -55,7 +57,7 @@ def _table(value: object) -> object:
     return value
 
 
-_Entry = Annotated[ColumnEntry | None, BeforeValidator(_table)]
+_Entry = Annotated[ColumnEntry | Literal[False] | None, BeforeValidator(_table)]
 
 
 def channel_map(known: Sequence[str]) -> type[BaseModel]:

@@ -12,6 +12,7 @@ import numpy as np
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import RecordFile, path_of, read_with_validation, refuse_twice
 from scenarios.files.own_models import channel_units
+from scenarios.files.records import has_clock
 from scenarios.files.vehicles import VehicleFile, read_beside, read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.identification.assessment.intervals import SETTLED
 from scenarios.identification.assessment.prediction import pooled_fits
@@ -27,7 +28,7 @@ from scenarios.preparation.interpreting import BETTER, held_by_computer, likelie
 from scenarios.preparation.plan import BY_HAND
 from scenarios.preparation.plausibility import refuse_still, refuse_strangers, refuse_unpredictable
 from scenarios.preparation.reading import prepare
-from scenarios.preparation.request import Request, column_choices, flown_of
+from scenarios.preparation.request import Request, column_choices, flown_of, reading_options
 from scenarios.preparation.vehicle_model import model_of_file
 from sim.errors import DeclarationError
 from sim.record import Hold, Record
@@ -77,8 +78,11 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
     files, validation = read_with_validation(request.records, request.validate)
 
+    # A search for maneuvers resamples nothing: a rate is for files that have no clock of their own.
+    opening = reading_options(request, opening=True, rate=not has_clock(files[0], choices))
+
     def identified(plan: Plan, asked: Options) -> tuple[Prepared, Identification]:
-        return _identified(vehicle, method, (files, validation), choices, plan, asked)
+        return _identified(vehicle, method, (files, validation), choices, plan, asked, opening)
 
     ready, found = identified(request.plan, options)
     if method not in FILTERS and found.record.inputs and request.plan.hold is None and not any(file.sidecar.says_hold for file in files):
@@ -95,8 +99,9 @@ def _identified(
     choices: Mapping[str, ColumnChoice] | None,
     plan: Plan,
     asked: Options,
+    opening: Sequence[str] = (),
 ) -> tuple[Prepared, Identification]:
-    """Records prepared by ``plan``, and what a fit to them finds."""
+    """Records prepared by ``plan``, and what a fit to them finds; ``opening``: options of the command line that open the files."""
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
     own = vehicle.model == "loes" and method == "ekf"
     flow, attitude = not own and method != FREQUENCY, uses_attitude(vehicle, method)
@@ -121,7 +126,7 @@ def _identified(
     found = replace(found, fits=pooled_fits(found.fits, ready.parted))
     by_name = {record.name: some for record, some in zip((first, *others), masks, strict=True)}
     measured = tuple(without(record, by_name.get(record.name, {})) for record in ready.measured)
-    cruise = cruise_caution(ready.measured, files[0][0].identity.name)
+    cruise = cruise_caution(ready.measured, files[0][0].identity.name, opening)
     doubts = (*ready.doubts, *([cruise] if cruise else []))
     return replace(ready, measured=measured), replace(found, notes=(*notes, *found.notes), doubts=doubts, look=look)
 
@@ -138,8 +143,9 @@ def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: Identi
     paths = [path_of(record) for record in request.records]
     words = [str(path) if path is not None else "RECORD" for path in paths]
     model = request.model if isinstance(request.model, str) else "MODEL"
-    given = {"--model": model, "--vehicle": request.vehicle, "--channels": request.channels}
+    given = {"--model": model, "--vehicle": request.vehicle}
     options = [word for option, value in given.items() if isinstance(value, str | Path) for word in (option, str(value))]
+    options += reading_options(request)
     command = " ".join(["flightid identify", *words, *options, "--method filter-error"])
     listed = f"{', '.join(slow[:-1])} and {slow[-1]}"
     return (f"the residuals of {listed} change slowly, as turbulence makes them; {command} estimates such noise together with the parameters",)

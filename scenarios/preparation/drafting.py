@@ -27,6 +27,7 @@ INPUTS = ("elevator", "stick", "aileron", "rudder", "thrust")
 UNIT_WORDS = ("deg", "rad", "degs", "rads", "ms", "ms2", "kt", "kts", "ktas", "kias", "ft", "m", "g")
 BEYOND = {"rad": 1.6, "rad/s": 8.0}  # an unlabelled angle or rate that moves further is more likely to be in degrees
 EVEN = 1e-3  # of the step, by which the steps of a clock may differ
+GAPS = 0.02  # share of the steps of a clock that may be gaps
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")  # topics that hold no measured motion
 
 
@@ -67,7 +68,7 @@ class Draft:
     ----------
     file : the record file. topics : its topics. guesses : channels found, in the order of our channels.
     faults : everything that is wrong with the file, one line each. unused : columns that no channel takes.
-    model : the model that the channels fit, empty where none does.
+    model : the model that the channels fit, empty where none does. clockless : the file has no clock, and no rate was given.
     """
 
     file: RecordFile
@@ -76,6 +77,7 @@ class Draft:
     faults: tuple[str, ...]
     unused: tuple[str, ...]
     model: str
+    clockless: bool = False
 
 
 def drafted(file: RecordFile, rate: float | None = None) -> Draft:
@@ -105,6 +107,7 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
         tuple(faults),
         tuple(name for name in names if name not in taken),
         _model_for({guess.channel for guess in tried if not guess.fault}),
+        bool(clockless),
     )
 
 
@@ -191,9 +194,11 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
         for topic in topics:
             if len(topics) > 1 and NO_MEASUREMENT.search(topic.name.lower()):
                 continue
-            for index, cell in enumerate(topic.table.header):
-                if _plain(split_header(cell)[0]) not in (rank, *(f"{rank}{word}" for word in UNIT_WORDS)):
-                    continue
+            named = [
+                n for n, cell in enumerate(topic.table.header) if _plain(split_header(cell)[0]) in (rank, *(f"{rank}{word}" for word in UNIT_WORDS))
+            ]
+            # Of two columns of one name the one whose unit is known: the other may be in any unit.
+            for index in sorted(named, key=lambda n: not _says_unit(topic, n, channel)):
                 if channel == TIME or (clock_place(topic.table) != index and _moves(topic, index)):
                     return _of_column(channel, topic, index, degrees)
     for each in words.get("expression", ()):
@@ -202,15 +207,22 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
     return _even_column(topics[0]) if channel == TIME and len(topics) == 1 else None
 
 
+def _says_unit(topic: Topic, index: int, channel: str) -> bool:
+    """Whether the file states a unit of a column that can be the channel's; any will do for a clock, whose rate tells."""
+    said = stated_unit(topic.table, index)
+    return channel == TIME or (said is not None and _converts(said, CHANNEL_UNITS[channel]))
+
+
 def _even_column(topic: Topic) -> Guess | None:
-    """The first column that increases in even steps, as a clock does."""
+    """The first column that increases in even steps, as a clock does; a clock may have gaps."""
     for index in range(min(len(topic.table.header), 3)):
         values = _numbers(topic, index)
         if values.size != topic.table.rows.size or values.size < 10 or not np.all(np.diff(values) >= 0.0):
             continue
         steps = np.diff(values)
-        even = np.all(np.abs(steps - np.median(steps)) < EVEN * np.median(steps))
-        if even or grid_of_coarse_stamps(values) is not None:
+        usual = float(np.median(steps))
+        odd = np.abs(steps - usual) >= EVEN * usual
+        if (np.all(steps[odd] > usual) and np.mean(odd) < GAPS) or grid_of_coarse_stamps(values) is not None:
             return Guess(TIME, ColumnChoice(index + 1), "increases in even steps, as a clock does")
     return None
 

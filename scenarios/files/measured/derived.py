@@ -79,15 +79,18 @@ def with_derived(
     ------
     RecordError : a column, topic or clock that is not there or not the only one of its name; an expression that cannot be computed.
     """
-    chosen = {name: choice for name, choice in (choices or {}).items() if name in inputs or name in outputs or name == TIME}
+    absent = {name: choice for name, choice in (choices or {}).items() if choice.absent}
+    chosen = {name: choice for name, choice in (choices or {}).items() if (name in inputs or name in outputs or name == TIME) and name not in absent}
     topics = file.topics if len(file.topics) > 1 else (Topic("", file.table),)
     if len(topics) > 1:
-        plain = {name: ColumnChoice(name) for name in (*inputs, *outputs) if name not in chosen and _unique(name, topics)}
+        others = [name for name in (*inputs, *outputs) if name not in chosen and name not in absent]
+        plain = {name: ColumnChoice(name) for name in others if _unique(name, topics) and (name in inputs or _measured(name, topics))}
         wanted = [_wanted(file, topics, name, each, name in inputs, known) for name, each in {**plain, **chosen}.items() if name != TIME]
         if not wanted:
             what = f"a log of {len(topics)} topics ({', '.join(topic.name for topic in topics[:8])}, ...)"
             raise RecordError(what, where=str(file.path), remedy=f"make a channel map with flightid map {file.path}, and name it with --channels")
-        return _merged(file, topics, wanted, rate, hold, known)
+        single, found = _merged(file, topics, wanted, rate, hold, known)
+        return single, {**found, **absent}
     needed = {name: choice for name, choice in chosen.items() if _is_computed(choice, file.table)}
     if not needed:
         return file, choices
@@ -98,7 +101,9 @@ def source_columns(
     file: RecordFile, choices: Mapping[str, ColumnChoice], inputs: Sequence[str], outputs: Sequence[str], known: Mapping[str, str] = CHANNEL_UNITS
 ) -> tuple[int, ...]:
     """Columns of a file with one table from which channels are computed; none where each channel is a column as it stands."""
-    asked = {name: choice for name, choice in choices.items() if name in (*inputs, *outputs) and _is_computed(choice, file.table)}
+    asked = {
+        name: choice for name, choice in choices.items() if name in (*inputs, *outputs) and not choice.absent and _is_computed(choice, file.table)
+    }
     wanted = [_wanted(file, (Topic("", file.table),), name, choice, name in inputs, known) for name, choice in asked.items()]
     return tuple(sorted({index for each in wanted for _, index in each.places.values()}))
 
@@ -163,6 +168,13 @@ def _is_computed(choice: ColumnChoice, table: Table) -> bool:
 
 def _unique(name: str, topics: Sequence[Topic]) -> bool:
     return sum(name in topic.table.header for topic in topics) == 1
+
+
+def _measured(name: str, topics: Sequence[Topic]) -> bool:
+    """Whether a field that nobody mapped is anything but zero: loggers keep fields of sensors that are not there."""
+    topic, index = _places(name, topics)[0]
+    values = numbers(topics[topic].table, index).values
+    return bool(np.any(np.isfinite(values) & (values != 0.0)))
 
 
 def _wanted(file: RecordFile, topics: Sequence[Topic], channel: str, choice: ColumnChoice, is_input: bool, known: Mapping[str, str]) -> Wanted:

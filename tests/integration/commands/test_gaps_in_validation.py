@@ -31,7 +31,14 @@ def flown(folder: Path, seed: int, maneuvers: int) -> Record:
     """A rigid aircraft's record at 20 Hz: a 3-2-1-1 and doublets every ten seconds, one of them in the gap."""
     model = model_of_file(read_vehicle(folder / "vehicle.toml", "rigid")).with_noise(Noise(NOISE))
     some = [three_two_one_one(0.03, 1.0), *(doublet(0.03, 1.5) for _ in range(maneuvers))]
-    return fly(model, sequence(some, 3.0, start=2.0), sample_times(RATE, 60.0), np.random.default_rng(seed), step=0.01, outputs=list(NOISE))[0]
+    return fly(
+        model,
+        sequence(some, 3.0, start=2.0),
+        sample_times(RATE, 60.0),
+        np.random.default_rng(seed),
+        step=0.01,
+        outputs=list(NOISE),
+    )[0]
 
 
 def less(record: Record, *spans: tuple[float, float]) -> Record:
@@ -43,7 +50,13 @@ def less(record: Record, *spans: tuple[float, float]) -> Record:
     def of(channel: Channel) -> Channel:
         return Channel.of(channel.name, channel.unit, channel.values[kept])
 
-    return Record(record.time[kept], tuple(map(of, record.inputs)), tuple(map(of, record.outputs)), record.hold, record.name)
+    return Record(
+        record.time[kept],
+        tuple(map(of, record.inputs)),
+        tuple(map(of, record.outputs)),
+        record.hold,
+        record.name,
+    )
 
 
 def spoiled(record: Record) -> Record:
@@ -65,7 +78,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_record(made, flown(made, 1, 5), "train")
     sound = flown(made, 2, 6)
     gap = less(sound, (18.01, 26.02))
-    forms = {"sound": sound, "gap": gap, "scrap": less(sound, (18.01, 21.98), (22.51, 26.02)), "spike": spoiled(sound)}
+    forms = {
+        "sound": sound,
+        "gap": gap,
+        "scrap": less(sound, (18.01, 21.98), (22.51, 26.02)),
+        "spike": spoiled(sound),
+    }
     forms["both"] = less(spoiled(sound), (18.01, 26.02))
     assert float(np.ptp(sound["elevator"].values[361:521])) > 0.05  # what moves in the gap would be missed by a simulation through it
     for name, record in forms.items():
@@ -93,7 +111,14 @@ def test_identify_predicts_each_part_and_pools_the_errors(flightid: CommandLine,
     errors = {}
     for kind in KINDS:
         validate = ["--model", "rigid", "--validate", folder / f"{kind}.csv"]
-        content = written(flightid, "comparison.json", tmp_path / kind, "identify", folder / "train.csv", *validate)
+        content = written(
+            flightid,
+            "comparison.json",
+            tmp_path / kind,
+            "identify",
+            folder / "train.csv",
+            *validate,
+        )
         (held,) = [fit for fit in content["records_fitted"] if fit["held_out"]]
         assert held["record"] == f"{kind}.csv"
         errors[kind] = {name: row["rms_error"] for name, row in held["channels"].items()}
@@ -109,7 +134,14 @@ def test_predict_predicts_each_part_and_pools_the_errors(flightid: CommandLine, 
     written(flightid, document, tmp_path / "study", command, folder / "train.csv", "--model", "rigid")
     errors = {}
     for kind in KINDS:
-        content = written(flightid, "prediction.json", tmp_path / kind, "predict", tmp_path / "study", folder / f"{kind}.csv")
+        content = written(
+            flightid,
+            "prediction.json",
+            tmp_path / kind,
+            "predict",
+            tmp_path / "study",
+            folder / f"{kind}.csv",
+        )
         errors[kind] = {name: row["rms_error"] for name, row in content["channels"].items()}
         assert any("wild point" in warning for warning in content["warnings"]) is (kind in ("spike", "both"))
         assert any("predicted in 2 parts" in note for note in content["notes"]) is (kind in ("gap", "scrap", "both"))
@@ -117,9 +149,28 @@ def test_predict_predicts_each_part_and_pools_the_errors(flightid: CommandLine, 
 
 
 def test_a_part_of_a_record_with_a_gap_is_predicted(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
-    written(flightid, "comparison.json", tmp_path / "study", "identify", folder / "train.csv", "--model", "rigid")
+    written(
+        flightid,
+        "comparison.json",
+        tmp_path / "study",
+        "identify",
+        folder / "train.csv",
+        "--model",
+        "rigid",
+    )
     part = ["--from", "10", "--to", "50"]
-    some = [written(flightid, "prediction.json", tmp_path / kind, "predict", tmp_path / "study", folder / f"{kind}.csv", *part) for kind in KINDS[:2]]
+    some = [
+        written(
+            flightid,
+            "prediction.json",
+            tmp_path / kind,
+            "predict",
+            tmp_path / "study",
+            folder / f"{kind}.csv",
+            *part,
+        )
+        for kind in KINDS[:2]
+    ]
     for name in NOISE:
         assert some[1]["channels"][name]["rms_error"] == pytest.approx(some[0]["channels"][name]["rms_error"], rel=0.06)
 
@@ -133,7 +184,10 @@ def test_diagnose_predicts_each_part_and_writes_every_row(flightid: CommandLine,
         errors[kind] = content["error"]["after"]["rmse"]
         header, *rows = csv.reader((tmp_path / kind / "validate_prediction.csv").read_text().splitlines())
         recorded = list(csv.reader((folder / f"{kind}.csv").read_text().splitlines()))[1:]
-        assert header == ["time", *(f"{when}_{name}" for when in ("before", "after") for name in NOISE)]
+        assert header == [
+            "time",
+            *(f"{when}_{name}" for when in ("before", "after") for name in NOISE),
+        ]
         assert [float(row[0]) for row in rows] == [float(row[0]) for row in recorded]
         assert all(math.isfinite(float(cell)) for row in rows for cell in row)
         assert not (tmp_path / kind / "validate_prediction_2.csv").exists()

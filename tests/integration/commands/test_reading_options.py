@@ -33,7 +33,15 @@ def flown(folder: Path, seed: int) -> Record:
     """A rigid aircraft's record of 30 s at 20 Hz from rest: a 3-2-1-1 and a doublet."""
     model = model_of_file(read_vehicle(folder / "vehicle.toml", "rigid")).with_noise(Noise(NOISE))
     maneuver = sequence([three_two_one_one(0.03, 1.0), doublet(0.03, 1.0)], 8.0, start=2.0)
-    return fly(model, maneuver, sample_times(RATE, 30.0), np.random.default_rng(seed), step=0.01, outputs=list(NOISE), name="flight")[0]
+    return fly(
+        model,
+        maneuver,
+        sample_times(RATE, 30.0),
+        np.random.default_rng(seed),
+        step=0.01,
+        outputs=list(NOISE),
+        name="flight",
+    )[0]
 
 
 @pytest.fixture(scope="module")
@@ -84,27 +92,70 @@ def test_a_check_of_a_bare_table_and_of_a_maneuver(flightid: CommandLine, folder
 
     assert findings("bare", folder / "flight.txt", *BARE) == findings("named", folder / "flight.csv")
     times = findings("times", folder / "flight.csv", "--from", "1", "--to", "12")
-    assert findings("maneuver", folder / "flight.csv", "--maneuver", "first", "--maneuvers", folder / "parts.toml") == times
+    assert (
+        findings(
+            "maneuver",
+            folder / "flight.csv",
+            "--maneuver",
+            "first",
+            "--maneuvers",
+            folder / "parts.toml",
+        )
+        == times
+    )
 
 
 def test_a_prediction_of_a_bare_table_and_of_a_maneuver(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
-    written(flightid, "comparison.json", tmp_path / "study", "identify", folder / "second.csv", "--model", "rigid")
+    written(
+        flightid,
+        "comparison.json",
+        tmp_path / "study",
+        "identify",
+        folder / "second.csv",
+        "--model",
+        "rigid",
+    )
 
     def errors(name: str, *options: object) -> Any:
         return written(flightid, "prediction.json", tmp_path / name, "predict", tmp_path / "study", *options)["channels"]
 
     assert errors("bare", folder / "flight.txt", *BARE) == errors("named", folder / "flight.csv")
     times = errors("times", folder / "flight.csv", "--from", "1", "--to", "12")
-    assert errors("maneuver", folder / "flight.csv", "--maneuver", "1", "--maneuvers", folder / "parts.toml") == times
+    assert (
+        errors(
+            "maneuver",
+            folder / "flight.csv",
+            "--maneuver",
+            "1",
+            "--maneuvers",
+            folder / "parts.toml",
+        )
+        == times
+    )
 
 
 def test_a_diagnosis_and_a_survey_of_bare_tables(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
     options = ["--model", "rigid", "--vehicle", folder / "vehicle.toml"]
     named = written(flightid, "diagnosis.json", tmp_path / "named", "diagnose", folder / "flight.csv", *options)
-    bare = written(flightid, "diagnosis.json", tmp_path / "bare", "diagnose", folder / "flight.txt", *options, *BARE)
-    assert (bare["verdict"], bare["parameters"], bare["error"]) == (named["verdict"], named["parameters"], named["error"])
+    bare = written(
+        flightid,
+        "diagnosis.json",
+        tmp_path / "bare",
+        "diagnose",
+        folder / "flight.txt",
+        *options,
+        *BARE,
+    )
+    assert (bare["verdict"], bare["parameters"], bare["error"]) == (
+        named["verdict"],
+        named["parameters"],
+        named["error"],
+    )
     survey = tmp_path / "flights.toml"
-    for pattern, columns in (("flight.txt", '"elevator,alpha,q,nz"'), ("flight.t*", '["elevator", "alpha", "q", "nz"]')):
+    for pattern, columns in (
+        ("flight.txt", '"elevator,alpha,q,nz"'),
+        ("flight.t*", '["elevator", "alpha", "q", "nz"]'),
+    ):
         survey.write_text(f'model = "rigid"\nrecords = "{folder}/{pattern}"\ncolumns = {columns}\nrate = 20.0\n')
         assert "failed" not in flightid.done("survey", survey, "--no-figures")
     survey.write_text(f'model = "rigid"\nrecords = "{folder}/flight.txt"\ncolumns = "elevator,,q"\n')
@@ -116,8 +167,16 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A stream with its header and clock, the same without both, and one whose channels have to be computed."""
     made = tmp_path_factory.mktemp("stream")
     record = loes_problem.record(11, duration=6.0)
-    start = {**{name: 1.15 * value for name, value in LOES_VALUES.items()}, "L_q": 1.0, "delay": 0.05}
-    lines = ['name = "demonstrator"', *(f"{name} = {value}" for name, value in LOES_CONSTANTS.items()), "[derivatives]"]
+    start = {
+        **{name: 1.15 * value for name, value in LOES_VALUES.items()},
+        "L_q": 1.0,
+        "delay": 0.05,
+    }
+    lines = [
+        'name = "demonstrator"',
+        *(f"{name} = {value}" for name, value in LOES_CONSTANTS.items()),
+        "[derivatives]",
+    ]
     (made / "vehicle.toml").write_text("\n".join([*lines, *(f"{name} = {value}" for name, value in start.items())]) + "\n")
     rate = 1.0 / float(np.median(np.diff(record.time)))
     (made / "rate").write_text(repr(rate))
@@ -130,7 +189,14 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
     time = np.arange(len(record)) / rate
     table("named.csv", "time,stick,alpha,q,nz", [time, *values.values()])
     table("bare.csv", "", list(values.values()))
-    apart = [1e3 * time, 2.0 * values["stick"] - 1.0, 2.0 * np.degrees(values["alpha"]), 0.0 * time, -values["q"], values["nz"]]
+    apart = [
+        1e3 * time,
+        2.0 * values["stick"] - 1.0,
+        2.0 * np.degrees(values["alpha"]),
+        0.0 * time,
+        -values["q"],
+        values["nz"],
+    ]
     table("odd.csv", "ms,pot,left,right,pitch rate,nz", apart)
     (made / "map.toml").write_text(
         'time = {column = "ms", unit = "ms"}\nstick = {column = "pot", scale = 0.5, offset = 0.5}\n'
@@ -140,7 +206,14 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_stream_is_opened_as_a_record_is(flightid: CommandLine, stream: Path, tmp_path: Path) -> None:
-    options = ["--model", "loes", "--vehicle", stream / "vehicle.toml", "--until-end", "--no-refine"]
+    options = [
+        "--model",
+        "loes",
+        "--vehicle",
+        stream / "vehicle.toml",
+        "--until-end",
+        "--no-refine",
+    ]
 
     def parameters(name: str, *more: object) -> dict[str, Any]:
         flightid.done("watch", stream / f"{name}.csv", *options, *more, "--out", tmp_path / name)
@@ -171,5 +244,14 @@ def test_streams_that_cannot_be_opened(flightid: CommandLine, stream: Path, tmp_
     if options and "=" in options[0]:
         (tmp_path / "map.toml").write_text(options[0])
         options = ["--channels", str(tmp_path / "map.toml")]
-    call = ["watch", stream / f"{name}.csv", "--model", "loes", "--vehicle", stream / "vehicle.toml", "--until-end", *options]
+    call = [
+        "watch",
+        stream / f"{name}.csv",
+        "--model",
+        "loes",
+        "--vehicle",
+        stream / "vehicle.toml",
+        "--until-end",
+        *options,
+    ]
     assert said in flightid.refused(*call)

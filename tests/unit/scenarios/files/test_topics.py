@@ -103,6 +103,25 @@ def test_a_map_computes(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_record(path, ["elevator"], ["q"], mixed)["elevator"].values, elevator, atol=1e-12)
 
 
+def test_a_channel_that_is_not_there_and_a_field_of_zeros(tmp_path: Path) -> None:
+    stamps = np.arange(0.0, 4e6, 2e4)
+    topics = {
+        "a": {"timestamp": stamps, "q": np.sin(1e-6 * stamps), "alpha": np.cos(1e-6 * stamps)},
+        "b": {"timestamp": stamps, "airspeed": 0.0 * stamps, "theta": 0.0 * stamps + 0.1},
+    }
+    log = write_ulog(tmp_path / "log.ulg", topics)
+    channels = ("q", "alpha", "airspeed", "theta")
+    assert read_record(log, (), (), {"q": ColumnChoice("a.q")}, optional=channels).output_names == ("q", "alpha", "theta")
+    (tmp_path / "map.toml").write_text('q = "a.q"\nalpha = false\n')
+    chosen = read_channel_map(tmp_path / "map.toml")
+    assert read_record(log, (), (), chosen, optional=channels).output_names == ("q", "theta")
+    table = tmp_path / "run.csv"
+    table.write_text("time,elevator,alpha,q\n0,0,1,2\n1,0,1,2\n2,1,1,2\n")
+    assert read_record(table, ["elevator"], ["alpha", "q"], chosen | {"q": ColumnChoice("q")}).output_names == ("q",)
+    with pytest.raises(RecordError, match="no column 'elevator'"):
+        read_record(table, ["elevator"], ["q"], {"elevator": ColumnChoice("")})
+
+
 def test_one_rule_chooses_the_unit_of_a_column_in_a_table_and_in_a_log(tmp_path: Path) -> None:
     pytest.importorskip("pymavlink")
     stamps = np.arange(0.0, 4e6, 2e4)
