@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from scenarios.files.channel_names import CHANNEL_UNITS
 
@@ -71,9 +71,11 @@ def read_channel_map(path: str | Path | Mapping[str, Any], known: Iterable[str] 
     return {name: _choice(entry) for name, entry in entries.items() if entry is not None}
 
 
-def _choice(entry: ColumnEntry | Literal[False]) -> ColumnChoice:
+def _choice(entry: ColumnEntry) -> ColumnChoice:
     """What the reader is given: ``bias`` is taken off, ``sign`` turns the scale."""
-    if entry is False:
+    from scenarios.files.channels_schema import ABSENT
+
+    if entry.column == ABSENT:
         return ColumnChoice("")
     column = entry.column if entry.sum is None else " + ".join(f"`{name}`" for name in entry.sum)
     assert column is not None

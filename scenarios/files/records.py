@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import wraps
 from itertools import pairwise
 from pathlib import Path
+from typing import ParamSpec
 
 import numpy as np
 
@@ -21,6 +23,8 @@ from scenarios.files.measured.sidecar import refuse_unknown_units
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
+
+P = ParamSpec("P")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +49,7 @@ class Window:
         return cut if self.order is None else cut[self.order]
 
 
-def read_record(
+def read_with_notes(
     source: str | Path | RecordFile,
     model_inputs: Sequence[str] = (),
     model_outputs: Sequence[str] = (),
@@ -57,8 +61,9 @@ def read_record(
     instead: Mapping[str, str] | None = None,
     known: Mapping[str, str] = CHANNEL_UNITS,
     rate: float | None = None,
-) -> Record:
-    """The channels of a model from a file of any format.
+) -> tuple[Record, tuple[str, ...]]:
+    """The channels of a model from a file of any format, and what was decided about the file, one sentence each: encoding, clock, merged topics,
+    inputs that are continued between their own samples.
 
     Parameters
     ----------
@@ -83,23 +88,6 @@ def read_record(
     ------
     RecordError : anything that keeps the file from being used as it stands.
     """
-    return read_with_notes(source, model_inputs, model_outputs, channel_map, start, stop, optional, hold, instead, known, rate)[0]
-
-
-def read_with_notes(
-    source: str | Path | RecordFile,
-    model_inputs: Sequence[str] = (),
-    model_outputs: Sequence[str] = (),
-    channel_map: Mapping[str, ColumnChoice] | None = None,
-    start: float | None = None,
-    stop: float | None = None,
-    optional: Sequence[str] = (),
-    hold: Hold | None = None,
-    instead: Mapping[str, str] | None = None,
-    known: Mapping[str, str] = CHANNEL_UNITS,
-    rate: float | None = None,
-) -> tuple[Record, tuple[str, ...]]:
-    """As ``read_record``, and what was decided about the file, one sentence each: encoding, clock, merged topics, continued inputs."""
     file = source if isinstance(source, RecordFile) else read_record_file(source)
     channel_map = channel_map or file.choices
     others = list(dict.fromkeys((*model_outputs, *optional, *(instead or {}).values())))
@@ -137,6 +125,19 @@ def read_with_notes(
         file.sidecar.name or file.path.name,
     )
     return record, tuple(notes)
+
+
+def _alone(read: Callable[P, tuple[Record, tuple[str, ...]]]) -> Callable[P, Record]:
+    """A function that takes what ``read`` takes and returns its record alone."""
+
+    @wraps(read)
+    def alone(*arguments: P.args, **keywords: P.kwargs) -> Record:
+        return read(*arguments, **keywords)[0]
+
+    return alone
+
+
+read_record = _alone(read_with_notes)
 
 
 def window_of(file: RecordFile, start: float | None = None, stop: float | None = None) -> tuple[np.ndarray, slice]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
@@ -95,8 +95,7 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
         clockless = ("the file has no clock; give its rate with --rate HZ, or name the column of time",)
     if len(topics) > 1:
         found = [guess for guess in found if guess.channel != TIME]
-    choices = {guess.channel: guess.choice for guess in found}
-    tried = [_tried(file, guess, choices, 1.0 if clockless else rate) for guess in found]
+    tried = _tried(file, found, 1.0 if clockless else rate)
     faults = list(dict.fromkeys([*clockless, *(guess.fault for guess in tried if guess.fault)]))
     taken = {column for guess in tried for column in _columns_in(guess.choice, topics)}
     names = [f"{topic.name}.{cell}" if topic.name else cell for topic in topics for cell in topic.table.header]
@@ -266,17 +265,41 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
     return Guess(channel, ColumnChoice(path, None), f"{reason}; no unit is stated: taken as {inside}")
 
 
-def _tried(file: RecordFile, guess: Guess, choices: Mapping[str, ColumnChoice], rate: float | None) -> Guess:
-    """The guess with the range of its values, or with the fault that keeps it from being read."""
-    if guess.channel == TIME:
-        return guess
-    kept = {name: choice for name, choice in choices.items() if name in (TIME, guess.channel)}
+def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> list[Guess]:
+    """The guesses with the ranges of their values, or with the faults that keep them from being read.
+
+    Channels of one clock are read together, so that it is read once; each by itself only where one of them has a fault.
+    """
+    topics = file.topics or (Topic("", file.table),)
+    clock = {guess.channel: guess.choice for guess in guesses if guess.channel == TIME}
+    topic_of = {f"{topic.name}.{cell}": topic.name for topic in file.topics for cell in topic.table.header}
+    groups: dict[frozenset[str], list[Guess]] = {}
+    for guess in guesses:
+        used = {topic_of[name] for name in _columns_in(guess.choice, topics)} if file.topics else set()
+        groups.setdefault(frozenset(used), []).append(guess)
+    found: dict[str, Guess] = {channel: guess for guess in guesses if (channel := guess.channel) == TIME}
+    for some in groups.values():
+        found |= _read(file, [guess for guess in some if guess.channel != TIME], clock, rate)
+    return [found[guess.channel] for guess in guesses]
+
+
+def _read(file: RecordFile, some: Sequence[Guess], clock: Mapping[str, ColumnChoice], rate: float | None) -> dict[str, Guess]:
+    """Channel -> guess with the range of its values, or with its fault."""
+    if not some:
+        return {}
     try:
-        record = read_record(file, (), [guess.channel], kept, rate=rate)
+        chosen = {**clock, **{guess.channel: guess.choice for guess in some}}
+        record = read_record(file, (), [guess.channel for guess in some], chosen, rate=rate)
     except RecordError as error:
-        return Guess(guess.channel, guess.choice, guess.reason, fault=str(error))
-    values = record[guess.channel].values[record[guess.channel].valid]
-    return Guess(guess.channel, guess.choice, guess.reason, int(values.size), float(values.min()), float(values.max()))
+        if len(some) == 1:
+            (guess,) = some
+            return {guess.channel: replace(guess, fault=str(error))}
+        return {channel: each for guess in some for channel, each in _read(file, [guess], clock, rate).items()}
+    out = {}
+    for guess in some:
+        values = record[guess.channel].values[record[guess.channel].valid]
+        out[guess.channel] = replace(guess, samples=int(values.size), least=float(values.min()), most=float(values.max()))
+    return out
 
 
 def _summary(topic: Topic) -> TopicSummary:

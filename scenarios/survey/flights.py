@@ -16,7 +16,7 @@ from scenarios.files.units import to_si
 from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.files.versions import own_version
 from scenarios.files.writing import unportable
-from scenarios.preparation.plan import Plan, plan_of
+from scenarios.preparation.plan import Plan, plan_of, refuse_turned
 from scenarios.preparation.request import Request
 from scenarios.survey.vehicle_text import changed, toml_text
 from sim.errors import DeclarationError, FlightidError
@@ -148,8 +148,7 @@ def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, mode
     place = f"{where}, flight {name}"
     start, stop = _either(entry.from_, shared.from_), _either(entry.to, shared.to)
     hold, rate, lowpass = (_either(getattr(entry, key), getattr(shared, key)) for key in ("hold", "rate", "lowpass"))
-    if start is not None and stop is not None and not start < stop:
-        raise DeclarationError(f"from = {start:g} is not before to = {stop:g}", where=place, remedy="give the earlier time first")
+    refuse_turned(start, stop, place)
     columns = _either(entry.columns, shared.columns)
     names = ",".join(columns) if isinstance(columns, list) else columns
     try:

@@ -8,9 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, Field, StringConstraints
 
 from scenarios.files.vehicles_schema import STRICT
+from scenarios.preparation.maneuver_schema import Name, Number
 
-Name = Annotated[str, StringConstraints(min_length=1)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
 FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9._+-]*$"  # a flight's results have a folder of its name
 
 
