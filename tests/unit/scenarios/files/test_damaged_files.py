@@ -57,7 +57,7 @@ def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, part: int
         rng = np.random.default_rng(seed)
         name = (*BINARY, *TEXT)[seed % (len(BINARY) + len(TEXT))]
         kind = KINDS[int(rng.integers(len(KINDS)))]
-        suffix = str(rng.choice([".csv", ".mat", ".bin", ".h5", ".xlsx"])) if kind == "other suffix" else whole[name].suffix
+        suffix = str(rng.choice([".csv", ".mat", ".bin", ".log", ".h5", ".xlsx"])) if kind == "other suffix" else whole[name].suffix
         path = tmp_path / f"case{seed}{suffix}"
         path.write_bytes(damaged(whole[name].read_bytes(), kind, rng))
         form = FORMS[name]

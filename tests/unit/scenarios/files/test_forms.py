@@ -49,6 +49,15 @@ def test_a_text_log_is_the_binary_log(tmp_path: Path, mark: str, before: str, su
             assert numbers(one.table, index).values.tobytes() == numbers(other.table, index).values.tobytes()
 
 
+def test_units_with_multipliers_are_alike_in_both_logs(tmp_path: Path) -> None:
+    pytest.importorskip("pymavlink")
+    messages = {"BARO": {"TimeUS": 1e4 * np.arange(5), "Alt": 100.0 * np.arange(5), "Up": 1.0 * np.arange(5)}}
+    units, factors = {"BARO": "smm"}, {"BARO": "FB-"}
+    for write, name in ((write_dataflash, "log.bin"), (write_dataflash_text, "log.log")):
+        file = read_record_file(write(tmp_path / name, messages, units, factors))
+        assert dict(zip(file.table.header, file.table.units, strict=True)) == {"TimeUS": "us", "Alt": "cm", "Up": "m"}
+
+
 def test_a_text_log_with_lines_cut_is_read_less_these(tmp_path: Path) -> None:
     pytest.importorskip("pymavlink")
     path = write_dataflash_text(tmp_path / "record.log", dataflash_messages(record(50)), DATAFLASH_UNITS)
