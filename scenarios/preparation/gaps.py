@@ -90,7 +90,8 @@ def split_at_gaps(record: Record, use: str = "used as {count} record{s}") -> tup
 
     Raises RecordError for a time beyond all measure.
 
-    A part of fewer than 30 samples is left out, unless no part has more; every part is named ``NAME[from-to s]``.
+    A part of fewer than 30 samples, or without a sample of any output, is left out, unless no part has more; a part lacks the outputs of which
+    it has no sample; every part is named ``NAME[from-to s]``.
     """
     wrong = np.flatnonzero(np.abs(record.time) > LARGEST)
     if wrong.size:
@@ -100,7 +101,8 @@ def split_at_gaps(record: Record, use: str = "used as {count} record{s}") -> tup
     if not after.size:
         return (record,), ""
     ends = [0, *(int(position) + 1 for position in after), len(record)]
-    spans = [(begin, end) for begin, end in pairwise(ends) if end - begin >= 2]
+    seen = [any(np.any(channel.valid[begin:end]) for channel in record.outputs) for begin, end in pairwise(ends)]
+    spans = [(begin, end) for (begin, end), some in zip(pairwise(ends), seen, strict=True) if end - begin >= 2 and some]
     kept = [span for span in spans if span[1] - span[0] >= FEWEST] or spans
     parts = tuple(_rows(record, begin, end) for begin, end in kept)
     t = record.time
@@ -113,5 +115,7 @@ def split_at_gaps(record: Record, use: str = "used as {count} record{s}") -> tup
 
 
 def _rows(record: Record, begin: int, end: int) -> Record:
-    part = record.window(float(record.time[begin]), float(record.time[end - 1]))
+    # A part of a record lacks the outputs of which it has no sample, as a record would.
+    measured = tuple(channel for channel in record.outputs if np.any(channel.valid[begin:end]))
+    part = replace(record, outputs=measured).window(float(record.time[begin]), float(record.time[end - 1]))
     return replace(part, name=f"{record.name}[{part.time[0]:.4g}-{part.time[-1]:.4g} s]")

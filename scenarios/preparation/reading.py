@@ -26,7 +26,7 @@ from sim.record import Hold, Record
 
 Read = tuple[Record, bool]  # a record, and whether its file says how its inputs are to be read
 PLAIN = 0.15  # of a residual, by which a record without trim lift shows itself; other effects that a model lacks do less
-IN_PARTS = "predicted in {count} part{s}, each with initial states and biases of its own"
+IN_PARTS = "predicted in {count} part{s}; initial states and biases are fitted to each"
 STEADY = 0.01  # of the pressure, within which its change is no evidence of anything
 
 

@@ -70,6 +70,13 @@ def spoiled(record: Record) -> Record:
     return Record(record.time, record.inputs, tuple(outputs), record.hold, record.name)
 
 
+def lost(record: Record) -> Record:
+    """The record without a sample of q after its gap."""
+    values = np.where(record.time > 20.0, np.nan, record["q"].values)
+    outputs = tuple(Channel.of("q", "rad/s", values) if each.name == "q" else each for each in record.outputs)
+    return Record(record.time, record.inputs, outputs, record.hold, record.name)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A record to fit, ``sound.csv`` to predict, and the same with a gap, with a gap and a scrap of rows in it, with wild points, with both."""
@@ -84,6 +91,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "scrap": less(sound, (18.01, 21.98), (22.51, 26.02)),
         "spike": spoiled(sound),
     }
+    forms["lost"] = lost(gap)
     forms["both"] = less(spoiled(sound), (18.01, 26.02))
     assert float(np.ptp(sound["elevator"].values[361:521])) > 0.05  # what moves in the gap would be missed by a simulation through it
     for name, record in forms.items():
@@ -123,7 +131,7 @@ def test_identify_predicts_each_part_and_pools_the_errors(flightid: CommandLine,
         assert held["record"] == f"{kind}.csv"
         errors[kind] = {name: row["rms_error"] for name, row in held["channels"].items()}
         said = json.dumps(content)
-        assert ("predicted in 2 parts, each with initial states and biases of its own" in said) is (kind in ("gap", "scrap", "both"))
+        assert ("predicted in 2 parts; initial states and biases are fitted to each" in said) is (kind in ("gap", "scrap", "both"))
         assert ("has 1 wild point" in said) is (kind in ("spike", "both"))
     same(errors)
 
@@ -192,3 +200,18 @@ def test_diagnose_predicts_each_part_and_writes_every_row(flightid: CommandLine,
         assert all(math.isfinite(float(cell)) for row in rows for cell in row)
         assert not (tmp_path / kind / "validate_prediction_2.csv").exists()
     same(errors)
+
+
+def test_a_channel_that_a_part_does_not_have_counts_in_the_others(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+    validate = ["--model", "rigid", "--validate", folder / "lost.csv"]
+    content = written(flightid, "comparison.json", tmp_path / "study", "identify", folder / "train.csv", *validate)
+    (held,) = [fit for fit in content["records_fitted"] if fit["held_out"]]
+    predicted = written(flightid, "prediction.json", tmp_path / "later", "predict", tmp_path / "study", folder / "lost.csv")
+    diagnosed = written(flightid, "diagnosis.json", tmp_path / "cause", "diagnose", folder / "train.csv", *validate)
+    for name, noise in NOISE.items():
+        for error in (held["channels"][name]["rms_error"], predicted["channels"][name]["rms_error"], diagnosed["error"]["after"]["rmse"][name]):
+            assert error == pytest.approx(noise, rel=0.1), name
+    cells = [cell for row in csv.reader((tmp_path / "cause" / "validate_prediction.csv").read_text().splitlines()[1:]) for cell in row]
+    assert all(math.isfinite(float(cell)) for cell in cells)
+    fitted = written(flightid, "comparison.json", tmp_path / "fit", "identify", folder / "lost.csv", "--model", "rigid")
+    assert fitted["parameters"]["Cm_de"]["estimate"] == pytest.approx(-2.1, abs=4.0 * fitted["parameters"]["Cm_de"]["std"])

@@ -71,3 +71,15 @@ def test_parts_put_together_have_every_row(sizes: list[int], resampled: bool) ->
     np.testing.assert_array_equal(joined["q"].values[inside], np.sin(times))
     np.testing.assert_array_equal(predicted[0][inside], 2.0 * times)
     assert np.all(np.isfinite(predicted)) and np.allclose(predicted[0][~inside], 2.0 * times.mean())
+
+
+def test_a_part_lacks_the_outputs_that_it_has_no_sample_of() -> None:
+    time = np.concatenate([0.02 * np.arange(50), 5.0 + 0.02 * np.arange(50), 9.0 + 0.02 * np.arange(50)])
+    q = np.where(time > 4.0, np.nan, np.sin(time))
+    alpha = np.where(time > 8.0, np.nan, np.cos(time))
+    whole = Record(time, (), (Channel.of("q", "rad/s", q), Channel.of("alpha", "rad", alpha)), name="flight.csv")
+    parts, note = split_at_gaps(whole)
+    assert [part.output_names for part in parts] == [("q", "alpha"), ("alpha",)]
+    assert "1 part of fewer than 30 samples" in note
+    joined, _ = put_together(Parted("flight.csv", time, 2), parts, ())
+    assert joined["q"].valid.tolist() == np.isfinite(q).tolist() and joined["alpha"].valid.tolist() == np.isfinite(alpha).tolist()
