@@ -34,7 +34,8 @@ class Predicted:
     Attributes
     ----------
     predictions : of each part of the record. before, after : errors of all parts together.
-    counted : samples of each part that count in the errors, ``(m, N)`` in the order of the prediction's channels.
+    counted : samples of each part that count in the errors, ``(m, N)`` in the order of the
+        prediction's channels.
     finite : False where what was found cannot be simulated on this record.
     """
 
@@ -46,9 +47,11 @@ class Predicted:
 
 
 def predict(before: Trained, after: Trained, declared: Model, parts: Sequence[Record], spiked: Sequence[str] = ()) -> Predicted:
-    """Predict a record, or its parts between gaps, with the declared model as fitted, and with the effects found.
+    """Predict a record, or its parts between gaps, with the declared model as fitted, and with the
+    effects found.
 
-    All is frozen but initial states, biases and events, which each part has for itself. ``declared`` has its biases, prepared as for the fit;
+    All is frozen but initial states, biases and events, which each part has for itself.
+    ``declared`` has its biases, prepared as for the fit;
     ``spiked`` inputs are mended.
     """
     outputs = after.outputs

@@ -104,7 +104,8 @@ def find_maneuvers(
     Parameters
     ----------
     record : a ``Record``, or whatever ``read_record`` takes.
-    channels : a channel map as in ``read_record``. columns : names of the columns of a file without a header, in their order.
+    channels : a channel map as in ``read_record``. columns : names of the columns of a file without
+        a header, in their order.
     rate : Hz, of a file without a clock, or of the grid of a log's topics.
 
     Raises

@@ -127,7 +127,8 @@ def predict(
     Parameters
     ----------
     study : the folder of an ``identify`` or ``diagnose``, or such a result.
-    record : a ``Record`` or whatever ``read_record`` takes. channels, columns, start, stop, maneuver, maneuvers, trust_record : as in
+    record : a ``Record`` or whatever ``read_record`` takes. channels, columns, start, stop,
+        maneuver, maneuvers, trust_record : as in
         ``identify``.
     rate : Hz, of a record without a clock; the study's reading of the others holds.
     model, effects : a model and effects of your own that the study rests on, or the paths of their files.

@@ -43,9 +43,11 @@ class Opened:
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """What the loop is given of the records, and which files that is: ``fitted`` and ``validation`` hold their names and hashes.
+    """What the loop is given of the records, and which files that is: ``fitted`` and ``validation``
+    hold their names and hashes.
 
-    ``parted``: records that are predicted, each with the number of its parts in ``predicted``; none where something is held out of ``records``.
+    ``parted``: records that are predicted, each with the number of its parts in ``predicted``; none
+    where something is held out of ``records``.
     """
 
     model: Model

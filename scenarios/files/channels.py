@@ -20,7 +20,8 @@ class ColumnChoice:
     Attributes
     ----------
     column : header of the column, with or without its unit in brackets; its number, counted from 1; or an expression over columns
-        (``scenarios.files.measured.expressions``). In a log of several topics ``topic.field``. Empty: the record has no such channel,
+        (``scenarios.files.measured.expressions``). In a log of several topics ``topic.field``.
+        Empty: the record has no such channel,
         whatever its columns are called.
     unit : unit of the column or of the expression's result; None leaves it to the header, or to the units of the columns.
     scale, offset : the channel is ``scale * column + offset``, in ``unit``, in SI where none is given.
@@ -52,7 +53,8 @@ def read_channel_map(path: str | Path | Mapping[str, Any], known: Iterable[str] 
     """Channel name -> column, from a TOML file or as a mapping.
 
     Lines are such as ``alpha = "AoA1"``, ``alpha = {column = "AoA1", unit = "deg"}``, ``q = {column = 4, unit = "deg/s"}``,
-    ``elevator = {column = "0.5*(elevon_left + elevon_right)", unit = "deg"}`` or ``elevator = {sum = ["a", "b"], scale = 0.5}``;
+    ``elevator = {column = "0.5*(elevon_left + elevon_right)", unit = "deg"}`` or
+    ``elevator = {sum = ["a", "b"], scale = 0.5}``;
     with ``airspeed = false`` the record counts as one without that channel.
 
     ``known``: all channels that there are.

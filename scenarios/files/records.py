@@ -62,7 +62,8 @@ def read_with_notes(
     known: Mapping[str, str] = CHANNEL_UNITS,
     rate: float | None = None,
 ) -> tuple[Record, tuple[str, ...]]:
-    """The channels of a model from a file of any format, and what was decided about the file, one sentence each: encoding, clock, merged topics,
+    """The channels of a model from a file of any format, and what was decided about the file, one
+    sentence each: encoding, clock, merged topics,
     inputs that are continued between their own samples.
 
     Parameters
@@ -161,12 +162,14 @@ def refuse_without_clock(file: RecordFile) -> None:
 
 
 def has_clock(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> bool:
-    """Whether a file has one clock, mapped or found by its name; a log of several topics has several."""
+    """Whether a file has one clock, mapped or found by its name; a log of several topics has
+    several."""
     return not file.topics and (TIME in (channel_map or file.choices) or clock_place(file.table) is not None)
 
 
 def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> None:
-    """Raise RecordError where a file has one clock, so that no rate is missing: for a search among the samples as they were taken."""
+    """Raise RecordError where a file has one clock, so that no rate is missing: for a search among
+    the samples as they were taken."""
     if has_clock(file, channel_map):
         raise RecordError("the file has a clock of its own", where=f"{file.path}, --rate", remedy="leave --rate out: nothing is resampled here")
 

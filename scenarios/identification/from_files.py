@@ -101,7 +101,8 @@ def _identified(
     asked: Options,
     opening: Sequence[str] = (),
 ) -> tuple[Prepared, Identification]:
-    """Records prepared by ``plan``, and what a fit to them finds; ``opening``: options of the command line that open the files."""
+    """Records prepared by ``plan``, and what a fit to them finds; ``opening``: options of the
+    command line that open the files."""
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
     own = vehicle.model == "loes" and method == "ekf"
     flow, attitude = not own and method != FREQUENCY, uses_attitude(vehicle, method)

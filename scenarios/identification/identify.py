@@ -53,7 +53,8 @@ def identify(
 ) -> Identification:
     """Estimate a vehicle file's model from a record, or by a whole-record method from it and ``others`` together.
 
-    ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own. Records ``held_out`` are predicted,
+    ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own.
+    Records ``held_out`` are predicted,
     less their wild points unless they are ``trusted``.
 
     Each output but an altitude (of an own model those that it names) gets a bias, each record its own initial state. A filter takes its measurement

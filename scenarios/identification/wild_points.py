@@ -16,9 +16,11 @@ PLACES = 3  # times that a sentence names
 
 
 def wild_points(outputs: Sequence[str], simulated: Sequence[np.ndarray], records: Sequence[Record]) -> list[dict[str, np.ndarray]]:
-    """Of each record ``(N,)`` by channel: True at its wild points, from what the simulations miss; channels without any are left out.
+    """Of each record ``(N,)`` by channel: True at its wild points, from what the simulations miss;
+    channels without any are left out.
 
-    ``simulated``: ``(m, N)`` of the ``outputs`` of each record. ``records``: with all their samples.
+    ``simulated``: ``(m, N)`` of the ``outputs`` of each record. ``records``: with all their
+    samples.
     """
     out: list[dict[str, np.ndarray]] = [{} for _ in records]
     if len(simulated) != len(records):
@@ -41,7 +43,8 @@ def same_points(some: Sequence[dict[str, np.ndarray]], others: Sequence[dict[str
 
 
 def left_out(before: Record, after: Record) -> dict[str, np.ndarray]:
-    """The samples by channel, ``(N,)``, that one record has and the same record after it does not; channels without any are left out."""
+    """The samples by channel, ``(N,)``, that one record has and the same record after it does not;
+    channels without any are left out."""
     masks = {channel.name: before[channel.name].valid & ~channel.valid for channel in after.outputs}
     return {name: mask for name, mask in masks.items() if np.any(mask)}
 

@@ -130,7 +130,8 @@ def predict_record(asked: Asked) -> Prediction:
 def _by_identification(
     kept: KeptModel, declared: Model, ready: Prepared, *, trusted: bool
 ) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
-    """As ``identify --validate`` predicts: the record, the simulations before and after, and its parts less their wild points."""
+    """As ``identify --validate`` predicts: the record, the simulations before and after, and its
+    parts less their wild points."""
     model = with_weight(declared) if kept.weighed else declared
     system = compile_model(model.with_biases(kept.biases), kept.after.outputs)
     fits = record_fits([], ready.validation, system, kept.after.shared, kept.after.settings, [PATH], trusted=trusted)

@@ -14,7 +14,8 @@ CRUISE = 0.1  # share of the time with moving inputs, below which a record is ca
 def cruise_caution(records: Sequence[Record], name: str, opening: Sequence[str] = ()) -> str:
     """One sentence where long records are almost all cruise: the share of their time in which an input moves; empty elsewhere.
 
-    ``name`` : of the first file, for the command that finds the maneuvers in it; ``opening`` : the options that open it.
+    ``name`` : of the first file, for the command that finds the maneuvers in it; ``opening`` : the
+    options that open it.
     """
     signals = [Signals(each.time, {one.name: one.values for one in each.inputs if one.name in AXES}, {}) for each in records]
     spans = [float(each.time[-1] - each.time[0]) for each in records]

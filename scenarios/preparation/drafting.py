@@ -68,7 +68,8 @@ class Draft:
     ----------
     file : the record file. topics : its topics. guesses : channels found, in the order of our channels.
     faults : everything that is wrong with the file, one line each. unused : columns that no channel takes.
-    model : the model that the channels fit, empty where none does. clockless : the file has no clock, and no rate was given.
+    model : the model that the channels fit, empty where none does. clockless : the file has no
+        clock, and no rate was given.
     """
 
     file: RecordFile
@@ -207,7 +208,8 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
 
 
 def _says_unit(topic: Topic, index: int, channel: str) -> bool:
-    """Whether the file states a unit of a column that can be the channel's; any will do for a clock, whose rate tells."""
+    """Whether the file states a unit of a column that can be the channel's; any will do for a
+    clock, whose rate tells."""
     said = stated_unit(topic.table, index)
     return channel == TIME or (said is not None and _converts(said, CHANNEL_UNITS[channel]))
 
@@ -266,9 +268,11 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
 
 
 def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> list[Guess]:
-    """The guesses with the ranges of their values, or with the faults that keep them from being read.
+    """The guesses with the ranges of their values, or with the faults that keep them from being
+    read.
 
-    Channels of one clock are read together, so that it is read once; each by itself only where one of them has a fault.
+    Channels of one clock are read together, so that it is read once; each by itself only where one
+    of them has a fault.
     """
     topics = file.topics or (Topic("", file.table),)
     clock = {guess.channel: guess.choice for guess in guesses if guess.channel == TIME}

@@ -1,6 +1,8 @@
-"""Gaps in the time of a record: nothing is known of the inputs there, so the record becomes several, each with initial states of its own.
+"""Gaps in the time of a record: nothing is known of the inputs there, so the record becomes
+several, each with initial states of its own.
 
-A record that is fitted is used as several records. One that is predicted is predicted in parts, and the parts are put together again, so
+A record that is fitted is used as several records. One that is predicted is predicted in parts, and
+the parts are put together again, so
 that its errors are those of all parts and each of its rows has a prediction.
 """
 
@@ -33,7 +35,8 @@ class Parted:
 
     Attributes
     ----------
-    name : of the record. time : shape ``(N,)``, s, of all its rows; None where its parts are resampled.
+    name : of the record. time : shape ``(N,)``, s, of all its rows; None where its parts are
+        resampled.
     count : number of its parts.
     """
 
@@ -43,7 +46,8 @@ class Parted:
 
 
 def parts_of(parted: Sequence[Parted], each: Sequence[Record]) -> list[tuple[Parted, slice]]:
-    """Each record with the places of its parts in a list of the parts of all of them, which ``each`` is."""
+    """Each record with the places of its parts in a list of the parts of all of them, which
+    ``each`` is."""
     ends = np.cumsum([0, *(one.count for one in parted)]).tolist()
     assert ends[-1] == len(each)
     return [(one, slice(*span)) for one, span in zip(parted, pairwise(ends), strict=True)]
@@ -52,11 +56,13 @@ def parts_of(parted: Sequence[Parted], each: Sequence[Record]) -> list[tuple[Par
 def put_together(parted: Parted, parts: Sequence[Record], rows: Sequence[Sequence[np.ndarray]]) -> tuple[Record, list[np.ndarray]]:
     """A record of its parts, and each of several predictions ``(m, N)`` of those of the parts.
 
-    Rows outside the parts have no measurement, the inputs before them and, as where a simulation fails, the mean of the prediction.
+    Rows outside the parts have no measurement, the inputs before them and, as where a simulation
+    fails, the mean of the prediction.
 
     Parameters
     ----------
-    parted : the record. parts : in the order of their times. rows : predictions, each ``(m, n)`` for each part.
+    parted : the record. parts : in the order of their times. rows : predictions, each ``(m, n)``
+        for each part.
     """
     if len(parts) == 1 and (parted.time is None or len(parts[0]) == parted.time.size):
         return replace(parts[0], name=parted.name), [of_parts[0] for of_parts in rows]
@@ -90,7 +96,8 @@ def split_at_gaps(record: Record, use: str = "used as {count} record{s}") -> tup
 
     Raises RecordError for a time beyond all measure.
 
-    A part of fewer than 30 samples, or without a sample of any output, is left out, unless no part has more; a part lacks the outputs of which
+    A part of fewer than 30 samples, or without a sample of any output, is left out, unless no part
+    has more; a part lacks the outputs of which
     it has no sample; every part is named ``NAME[from-to s]``.
     """
     wrong = np.flatnonzero(np.abs(record.time) > LARGEST)

@@ -61,7 +61,8 @@ class Plan:
 
 
 def refuse_turned(start: float | None, stop: float | None, where: str) -> None:
-    """Raise DeclarationError where a part of a record, as a file declares it, ends before it begins."""
+    """Raise DeclarationError where a part of a record, as a file declares it, ends before it
+    begins."""
     if start is not None and stop is not None and not start < stop:
         raise DeclarationError(f"from = {start:g} is not before to = {stop:g}", where=where, remedy="give the earlier time first")
 

@@ -86,7 +86,8 @@ def prepare(
     decided: Decided | None = None,
     part: Segment = WHOLE[0],
 ) -> Prepared:
-    """A model's channels out of files, prepared: the plan's segments of ``files``, that ``part`` of those of ``validate``.
+    """A model's channels out of files, prepared: the plan's segments of ``files``, that ``part`` of
+    those of ``validate``.
 
     A measured speed is used with ``flow``, a measured pitch attitude with ``attitude``, which only effects can use. ``decided``: how to read
     what the files do not say; None: as the declared model fits better.

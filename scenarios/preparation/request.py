@@ -68,9 +68,11 @@ def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
 
 
 def reading_options(request: Request, *, opening: bool = False, rate: bool = True) -> list[str]:
-    """Options of the command line that read the records as the request does, for commands that are proposed.
+    """Options of the command line that read the records as the request does, for commands that are
+    proposed.
 
-    ``opening`` : those alone that open a file: channel map, names of columns, and with ``rate`` the rate.
+    ``opening`` : those alone that open a file: channel map, names of columns, and with ``rate`` the
+    rate.
     """
     plan = request.plan
     known = [("--channels", request.channels if isinstance(request.channels, Path) else None), ("--columns", ",".join(plan.columns) or None)]

@@ -37,10 +37,12 @@ class Header:
 
     Attributes
     ----------
-    columns : of the channels in the order time, stick, alpha, q, nz; None where an output is absent, or the clock.
+    columns : of the channels in the order time, stick, alpha, q, nz; None where an output is
+        absent, or the clock.
     width : number of cells in a row. name : of the stream.
     rate : Hz, of a stream without a clock; ``first``: the line of its first row.
-    computed : the file without rows and the channel map, where channels are computed; ``columns`` are then those of the wider table.
+    computed : the file without rows and the channel map, where channels are computed; ``columns``
+        are then those of the wider table.
     sources : columns of the stream that are read, in the order of their places.
     """
 
@@ -94,13 +96,16 @@ def read_header(
 
     Parameters
     ----------
-    line : the header, or the first row where ``names`` are given and there is none. name : of the stream.
-    choices : channel map. units : the sidecar's. names : of the columns, in their order, instead of the header's.
+    line : the header, or the first row where ``names`` are given and there is none. name : of the
+        stream.
+    choices : channel map. units : the sidecar's. names : of the columns, in their order, instead of
+        the header's.
     rate : Hz, of a stream without a clock. first : line of the first row.
 
     Raises
     ------
-    RecordError : not UTF-8, not separated by commas, no time or stick, none of the outputs, or as for ``find_column``; a channel that needs
+    RecordError : not UTF-8, not separated by commas, no time or stick, none of the outputs, or as
+        for ``find_column``; a channel that needs
         other rows than its own; a rate beside a clock.
     """
     cells = _named(header_cells(line, name), name, names)
@@ -129,12 +134,14 @@ def read_header(
 
 
 def is_row(line: bytes, name: str) -> bool:
-    """Whether a line holds numbers alone, so that it is no header. Raises RecordError where it is no comma-separated text."""
+    """Whether a line holds numbers alone, so that it is no header. Raises RecordError where it is
+    no comma-separated text."""
     return all(is_number(cell) or not cell.strip() for cell in header_cells(line, name))
 
 
 def header_cells(line: bytes, name: str) -> list[str]:
-    """The cells of a stream's first line. Raises RecordError where it is no comma-separated text in UTF-8."""
+    """The cells of a stream's first line. Raises RecordError where it is no comma-separated text in
+    UTF-8."""
     try:
         cells = [header_cell(cell, name) for cell in next(csv.reader([line.decode("utf-8-sig")]), [])]
     except UnicodeDecodeError:
@@ -170,7 +177,8 @@ def _by_name(choice: ColumnChoice, cells: Sequence[str]) -> ColumnChoice:
 
 
 def _refuse_other_rows(choices: Mapping[str, ColumnChoice], name: str) -> None:
-    """Raise RecordError for a channel that is computed from other rows than its own: a stream has only those that came."""
+    """Raise RecordError for a channel that is computed from other rows than its own: a stream has
+    only those that came."""
     remedy = "leave it out of the map, or use flightid identify on the whole record"
     for channel, choice in choices.items():
         where = f"{name}, channel {channel}"

@@ -25,7 +25,8 @@ TOGETHER = 200  # rows that are filtered before they are written and shown: a fe
 class Watch:
     """What the loop changes: the header once it came, how far the stream is, and what was left out.
 
-    ``beside``: name of the JSON file that was read because it is beside the record, empty without one. ``columns``: names of the columns,
+    ``beside``: name of the JSON file that was read because it is beside the record, empty without
+    one. ``columns``: names of the columns,
     where there is no header or another one is wanted; ``rate``: Hz, where there is no clock.
     """
 

@@ -71,7 +71,8 @@ def flight(delay: float = 0.0, seed: int = 7) -> dict[str, np.ndarray]:
 
 
 def write_all(folder: Path) -> None:
-    """The flight as ``uav.`` and ``ulg``, ``bin``, ``log``, ``xlsx``, ``mf4``, ``tdms``, ``h5``, ``mat``, ``txt`` and ``csv``."""
+    """The flight as ``uav.`` and ``ulg``, ``bin``, ``log``, ``xlsx``, ``mf4``, ``tdms``, ``h5``,
+    ``mat``, ``txt`` and ``csv``."""
     columns = flight()
     px4(folder / "uav.ulg", columns)
     ardupilot(folder / "uav.bin", columns)
@@ -95,7 +96,8 @@ def px4(path: Path, columns: dict[str, np.ndarray], every: int = 1) -> Path:
 
 
 def ardupilot(path: Path, columns: dict[str, np.ndarray]) -> Path:
-    """A DataFlash log, a text one by the suffix ``.log``: two IMUs, angle of attack in degrees, servo pulses of elevons, the left one reversed."""
+    """A DataFlash log, a text one by the suffix ``.log``: two IMUs, angle of attack in degrees,
+    servo pulses of elevons, the left one reversed."""
     stamps = np.round(1e6 * (12.0 + columns["time"]))
     angle = columns["elevator"] / DEGREE
     both = np.repeat(stamps, 2)

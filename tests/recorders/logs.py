@@ -53,7 +53,8 @@ def _fields(columns: Mapping[str, np.ndarray]) -> list[tuple[str, int]]:
 def write_dataflash(path: Path, messages: Topics, units: Mapping[str, str] | None = None, factors: Mapping[str, str] | None = None) -> Path:
     """A DataFlash log: ``TimeUS`` as 64 bit integer, all other columns as doubles.
 
-    ``units``: letter for each column of a message. ``factors``: likewise of the multiplier of its unit, ``-`` for none.
+    ``units``: letter for each column of a message. ``factors``: likewise of the multiplier of its
+    unit, ``-`` for none.
     """
     out = bytearray()
 
@@ -106,7 +107,8 @@ def write_dataflash_text(
     before: str = "",
     mark: str = ", ",
 ) -> Path:
-    """The log of ``write_dataflash`` as ground stations export it: one message a line; ``before``: lines above, ``mark``: between cells."""
+    """The log of ``write_dataflash`` as ground stations export it: one message a line; ``before``:
+    lines above, ``mark``: between cells."""
     lines = [["FMT", "128", "89", "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"]]
     for number, (name, columns) in enumerate(messages.items()):
         form = "".join("Q" if column == "TimeUS" else "B" if column == "I" else "d" for column in columns)

@@ -12,7 +12,8 @@ from sim.record import Record
 
 
 def prediction(fit: Fit | None, record_number: int, record: Record, channels: Sequence[str]) -> np.ndarray:
-    """Free simulation at every row of a record, ``(m, N)``; where the fit failed the mean of the measurement, zero without one."""
+    """Free simulation at every row of a record, ``(m, N)``; where the fit failed the mean of the
+    measurement, zero without one."""
     if fit is not None:
         rows = dict(zip(fit.layout.system.output_names, fit.lines[record_number].y, strict=True))
         return np.array([rows[name] for name in channels])

@@ -1,8 +1,9 @@
 """ArduPilot DataFlash logs by pymavlink: each message and instance is a topic with its own clock in microseconds.
 
-pymavlink reads the formats, the units and where each message of a binary log begins; the numbers are then taken from the bytes with NumPy,
-which is as fast as a log of hundreds of megabytes needs. A text log (``FMT, 128, 89, FMT, ...``, as ground stations export it) has one
-message a line, with its numbers scaled already; it is split here, with pymavlink's formats and units.
+pymavlink reads the formats, the units and where each message of a binary log begins; the numbers
+are then taken from the bytes with NumPy, which is as fast as a log of hundreds of megabytes needs.
+A text log (``FMT, 128, 89, FMT, ...``, as ground stations export it) has one message a line, with
+its numbers scaled already; it is split here, with pymavlink's formats and units.
 """
 
 from __future__ import annotations
@@ -70,7 +71,8 @@ def _of_bytes(path: Path, raw: bytes) -> list[Topic]:
 
 
 def _of_text(path: Path, raw: bytes) -> list[Topic]:
-    """The topics of a text log; lines that are no message of a declared format are left out and counted in a note."""
+    """The topics of a text log; lines that are no message of a declared format are left out and
+    counted in a note."""
     lines: dict[str, list[str]] = {}
     for line in raw.decode("latin-1").splitlines():
         name, _, rest = line.partition(",")
@@ -116,7 +118,8 @@ def _layouts(declared: dict[str, list[list[str]]]) -> dict[str, Any]:
 
 
 def _numbers(layout: Any, rows: list[list[str]]) -> dict[str, np.ndarray]:
-    """Column -> numbers of the lines of one message; texts, arrays and columns that hold words are left out."""
+    """Column -> numbers of the lines of one message; texts, arrays and columns that hold words are
+    left out."""
     columns: dict[str, np.ndarray] = {}
     every = zip(layout.columns, layout.msg_fmts, zip(*rows, strict=True), strict=True)
     for name, letter, cells in every:

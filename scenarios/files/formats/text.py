@@ -65,7 +65,8 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def _without_cut_row(table: Table, text: str) -> tuple[Table, tuple[str, ...]]:
-    """The table without a last row that the file's end cuts, as a recorder leaves it that lost its power, and a sentence on it."""
+    """The table without a last row that the file's end cuts, as a recorder leaves it that lost its
+    power, and a sentence on it."""
     last = table.rows.size - 1
     if text.endswith(("\n", "\r")) or last < 1 or table.ragged.get(last, len(table.header)) >= len(table.header):
         return table, ()

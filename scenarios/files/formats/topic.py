@@ -38,7 +38,8 @@ class Topic:
 class Reader(Protocol):
     """A module of this package: the suffixes and first bytes of its format, and its reading function.
 
-    A mark of ``MAGIC`` that begins with a line break may stand at the begin of any of the first lines, below what a program wrote above.
+    A mark of ``MAGIC`` that begins with a line break may stand at the begin of any of the first
+    lines, below what a program wrote above.
     ``EXTRA`` names the optional dependency group of ``pyproject.toml`` that installs the library, empty where none is needed.
     """
 
@@ -105,7 +106,8 @@ def no_table(path: Path, seen: Sequence[str], remedy: str) -> RecordError:
 
 
 def begins_with(raw: bytes, mark: bytes) -> bool:
-    """Whether a file begins with a mark; of a mark that begins with a line break, whether one of its first lines does."""
+    """Whether a file begins with a mark; of a mark that begins with a line break, whether one of
+    its first lines does."""
     return mark in b"\n" + raw[:FIRST_LINES] if mark.startswith(b"\n") else raw.startswith(mark)
 
 

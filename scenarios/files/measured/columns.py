@@ -65,7 +65,8 @@ def find_column(
 ) -> Column | None:
     """The column of a channel, None if the table has none.
 
-    A channel in ``choices`` is looked for under that header alone, or counts as absent. Else ``alpha``, ``alpha [deg]`` and ``alpha_deg``
+    A channel in ``choices`` is looked for under that header alone, or counts as absent. Else
+    ``alpha``, ``alpha [deg]`` and ``alpha_deg``
     count; a ``alpha_word`` whose word is no unit of an angle counts as another signal if there is an ``alpha`` besides.
     ``units`` (the sidecar's) hold for headers without a unit, before them ``under``, the row of units under the header. ``known``: all
     channels that there are, and their units inside; a header that is another channel's name is that channel's alone. ``lenient``: a unit

@@ -100,7 +100,8 @@ def with_derived(
 def source_columns(
     file: RecordFile, choices: Mapping[str, ColumnChoice], inputs: Sequence[str], outputs: Sequence[str], known: Mapping[str, str] = CHANNEL_UNITS
 ) -> tuple[int, ...]:
-    """Columns of a file with one table from which channels are computed; none where each channel is a column as it stands."""
+    """Columns of a file with one table from which channels are computed; none where each channel is
+    a column as it stands."""
     asked = {
         name: choice for name, choice in choices.items() if name in (*inputs, *outputs) and not choice.absent and _is_computed(choice, file.table)
     }
@@ -171,7 +172,8 @@ def _unique(name: str, topics: Sequence[Topic]) -> bool:
 
 
 def _measured(name: str, topics: Sequence[Topic]) -> bool:
-    """Whether a field that nobody mapped is anything but zero: loggers keep fields of sensors that are not there."""
+    """Whether a field that nobody mapped is anything but zero: loggers keep fields of sensors that
+    are not there."""
     topic, index = _places(name, topics)[0]
     values = numbers(topics[topic].table, index).values
     return bool(np.any(np.isfinite(values) & (values != 0.0)))
@@ -267,9 +269,11 @@ def _in_unit(file: RecordFile, wanted: Wanted, topics: Sequence[Topic], known: M
 
 
 def _unit_of(wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]) -> tuple[str | None, str]:
-    """The unit of a channel's numbers, and a sentence on a stated one that is not used; None: columns of stated units are computed with in SI.
+    """The unit of a channel's numbers, and a sentence on a stated one that is not used; None:
+    columns of stated units are computed with in SI.
 
-    The unit of the choice goes first, then the one that the file states for a column that is taken as it stands.
+    The unit of the choice goes first, then the one that the file states for a column that is taken
+    as it stands.
 
     Raises
     ------

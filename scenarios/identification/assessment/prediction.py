@@ -52,7 +52,8 @@ def record_fits(
 ) -> tuple[RecordFit, ...]:
     """Each record simulated with the parameters at ``values``, those that were fitted first.
 
-    Wild points of those that were not fitted are set aside, unless they are ``trusted``: they would bend the initial states and biases.
+    Wild points of those that were not fitted are set aside, unless they are ``trusted``: they would
+    bend the initial states and biases.
     Initial states, ``bias_*`` and the parameters ``local`` to a record are fitted to it. ``known``: simulations ``(m, N)`` that are there already.
     """
 
@@ -75,7 +76,8 @@ def record_fits(
 
 
 def pooled_fits(fits: Sequence[RecordFit], parted: Sequence[Parted]) -> tuple[RecordFit, ...]:
-    """The fits with the parts of each record that was predicted put together: the errors are those of all its parts."""
+    """The fits with the parts of each record that was predicted put together: the errors are those
+    of all its parts."""
     fitted, held = [fit for fit in fits if not fit.held_out], [fit for fit in fits if fit.held_out]
     return (*fitted, *(_whole(one, held[span]) for one, span in parts_of(parted, [fit.record for fit in held])))
 

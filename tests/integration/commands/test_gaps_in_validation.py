@@ -1,4 +1,5 @@
-"""A record that is predicted: each part between gaps by itself, wild points set aside; the error is that of the sound record."""
+"""A record that is predicted: each part between gaps by itself, wild points set aside; the error is
+that of the sound record."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ KINDS = ("sound", "gap", "scrap", "spike", "both")
 
 
 def flown(folder: Path, seed: int, maneuvers: int) -> Record:
-    """A rigid aircraft's record at 20 Hz: a 3-2-1-1 and doublets every ten seconds, one of them in the gap."""
+    """A rigid aircraft's record at 20 Hz: a 3-2-1-1 and doublets every ten seconds, one of them in
+    the gap."""
     model = model_of_file(read_vehicle(folder / "vehicle.toml", "rigid")).with_noise(Noise(NOISE))
     some = [three_two_one_one(0.03, 1.0), *(doublet(0.03, 1.5) for _ in range(maneuvers))]
     return fly(
@@ -60,7 +62,8 @@ def less(record: Record, *spans: tuple[float, float]) -> Record:
 
 
 def spoiled(record: Record) -> Record:
-    """The record with three wild points, far beyond the noise and one within the motion's own range."""
+    """The record with three wild points, far beyond the noise and one within the motion's own
+    range."""
     outputs = []
     for channel in record.outputs:
         values = channel.values.copy()
@@ -79,7 +82,8 @@ def lost(record: Record) -> Record:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A record to fit, ``sound.csv`` to predict, and the same with a gap, with a gap and a scrap of rows in it, with wild points, with both."""
+    """A record to fit, ``sound.csv`` to predict, and the same with a gap, with a gap and a scrap of
+    rows in it, with wild points, with both."""
     made = tmp_path_factory.mktemp("gaps")
     (made / "vehicle.toml").write_text(VEHICLE)
     write_record(made, flown(made, 1, 5), "train")

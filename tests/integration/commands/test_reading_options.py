@@ -1,4 +1,5 @@
-"""Every command that reads a record takes the options that open it: names of columns, a rate, a channel map, a maneuver."""
+"""Every command that reads a record takes the options that open it: names of columns, a rate, a
+channel map, a maneuver."""
 
 from __future__ import annotations
 
@@ -46,7 +47,8 @@ def flown(folder: Path, seed: int) -> Record:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two records with their clock and header, and the first without either; a file of maneuvers; tests only read them."""
+    """Two records with their clock and header, and the first without either; a file of maneuvers;
+    tests only read them."""
     made = tmp_path_factory.mktemp("opening")
     (made / "vehicle.toml").write_text(VEHICLE)
     for number, name in enumerate(("flight", "second")):
@@ -164,7 +166,8 @@ def test_a_diagnosis_and_a_survey_of_bare_tables(flightid: CommandLine, folder: 
 
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A stream with its header and clock, the same without both, and one whose channels have to be computed."""
+    """A stream with its header and clock, the same without both, and one whose channels have to be
+    computed."""
     made = tmp_path_factory.mktemp("stream")
     record = loes_problem.record(11, duration=6.0)
     start = {

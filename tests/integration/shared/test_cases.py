@@ -1,4 +1,5 @@
-"""Every small input that once failed, from the file through the command line: the numbers and messages that its README asks for."""
+"""Every small input that once failed, from the file through the command line: the numbers and
+messages that its README asks for."""
 
 from __future__ import annotations
 
@@ -55,7 +56,8 @@ def test_every_case_has_a_test() -> None:
 
 
 def identified(flightid: CommandLine, out: Path, name: str, *options: object) -> dict[str, Any]:
-    """What an identification of a case writes, with the vehicle file beside it where there is one."""
+    """What an identification of a case writes, with the vehicle file beside it where there is
+    one."""
     path = CASES / name
     if not path.is_file():
         pytest.skip(f"{name} is not here")

@@ -1,4 +1,5 @@
-"""Every measured file that is here, from the file to numbers with at most three commands and no script, as its owner would do it."""
+"""Every measured file that is here, from the file to numbers with at most three commands and no
+script, as its owner would do it."""
 
 from __future__ import annotations
 
@@ -21,9 +22,11 @@ class Use:
 
     Attributes
     ----------
-    command : with its options; the file, ``--channels`` and ``--vehicle`` or ``--model`` are added where there are any.
+    command : with its options; the file, ``--channels`` and ``--vehicle`` or ``--model`` are added
+        where there are any.
     channels, vehicle, model : contents of a channel map, a vehicle file and a model of one's own.
-    holds : parameter -> least and most of its estimate. prints : words of the output. refused : words of the refusal.
+    holds : parameter -> least and most of its estimate. prints : words of the output. refused :
+        words of the refusal.
     """
 
     command: str
