@@ -24,7 +24,33 @@ from scenarios.files.units import to_si
 from sim.errors import RecordError
 
 INPUTS = ("elevator", "stick", "aileron", "rudder", "thrust")
-UNIT_WORDS = ("deg", "rad", "degs", "rads", "ms", "ms2", "kt", "kts", "ktas", "kias", "ft", "m", "g")
+# Units as they stand behind a name without brackets.
+SPELT = {
+    "deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g",
+    "dps": "deg/s", "rps": "rad/s", "fps": "ft/s", "fps2": "ft/s2", "mps": "m/s", "mps2": "m/s2", "psf": "lbf/ft2",
+}  # fmt: skip
+UNIT_WORDS = (
+    "deg",
+    "rad",
+    "degs",
+    "rads",
+    "ms",
+    "ms2",
+    "kt",
+    "kts",
+    "ktas",
+    "kias",
+    "ft",
+    "m",
+    "g",
+    "dps",
+    "rps",
+    "fps",
+    "fps2",
+    "mps",
+    "mps2",
+    "psf",
+)
 BEYOND = {"rad": 1.6, "rad/s": 8.0}  # an unlabelled angle or rate that moves further is more likely to be in degrees
 EVEN = 1e-3  # of the step, by which the steps of a clock may differ
 GAPS = 0.02  # share of the steps of a clock that may be gaps
@@ -354,7 +380,7 @@ def _plain(name: str) -> str:
 def _suffix(cell: str) -> str | None:
     """A unit at the end of a header behind an underscore or a comma: ``alpha,__deg``, ``pitch_deg``."""
     word = re.split(r"[,_ ]+", split_header(cell)[0].strip())[-1]
-    return {"deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g"}.get(word)
+    return SPELT.get(word)
 
 
 def _converts(unit: str, inside: str) -> bool:

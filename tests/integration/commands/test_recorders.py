@@ -89,6 +89,10 @@ def test_a_draft_finds_the_clock_with_a_gap_and_the_columns_whose_units_are_stat
     rows = [f"{a:.9g},{b:.9g},{c:.9g},{d:.9g}" for a, b, c, d in zip(*(columns[each] for each in ("time", "elevator", "q", "q")), strict=True)]
     (tmp_path / "two.csv").write_text("\n".join(["time,elevator,q,* q (rad/s)", *rows]) + "\n")
     assert 'q = {column = "* q (rad/s)", unit = "rad/s"}' in flightid.done("map", tmp_path / "two.csv")
+    named = "\n".join(["time,elevator rad,q rps,Vt fps", *(f"{row.rsplit(',', 1)[0]},{333.0 + n}" for n, row in enumerate(rows))])
+    (tmp_path / "spelt.csv").write_text(named + "\n")
+    drafted = flightid.done("map", tmp_path / "spelt.csv")
+    assert 'q = {column = "q rps", unit = "rad/s"}' in drafted and 'airspeed = {column = "Vt fps", unit = "ft/s"}' in drafted
 
 
 def test_a_file_that_ends_within_a_row_is_read_without_it(flightid: CommandLine, tmp_path: Path) -> None:
