@@ -74,7 +74,7 @@ def _far(channel: Channel) -> Finding | None:
     if reach <= LARGEST:
         return None
     told = f"moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
-    remedy = f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map"
+    remedy = f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map; if it is right, {channel.name} = false there"
     return Finding(channel.name, Kind.UNIT, Certainty.CERTAIN, told, remedy, numbers={"reach": Number(reach, "rad")})
 
 

@@ -98,7 +98,8 @@ def slow_residuals(records: Sequence[Record], estimate: Estimate, tests: Sequenc
             power += float(np.sum(row[:-1][both] ** 2))
         if products > SLOW * power:
             slow.append(test.channel)
-    return tuple(slow) if len(slow) > 1 else ()
+    several = tuple(dict.fromkeys(slow))  # an output may fail more than one test
+    return several if len(several) > 1 else ()
 
 
 def _moved_together(records: Sequence[Record], estimate: Estimate) -> bool:

@@ -11,11 +11,12 @@ import numpy as np
 
 from ident.maneuver_detection import AXES, PAUSE, Maneuver, Signals, active_share, find_maneuvers
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.record_file import RecordFile, opened
-from scenarios.files.records import read_record
+from scenarios.files.measured.record_file import RecordFile, opened, with_names
+from scenarios.files.records import read_record, refuse_rate
 from scenarios.files.sources import InputFile
 from scenarios.preparation.load_factor import with_load_factors
 from scenarios.preparation.maneuver_file import Part, Parts
+from scenarios.preparation.plan import Plan
 from sim.record import Record
 
 CONTROLS = tuple(AXES)
@@ -97,15 +98,20 @@ class Maneuvers:
         return f"<Maneuvers of {self.identity.name}: {len(self.maneuvers)}>"
 
 
-def maneuvers_of(source: Path | RecordFile, channels: Mapping[str, ColumnChoice] | None = None) -> Maneuvers:
+def maneuvers_of(source: Path | RecordFile, channels: Mapping[str, ColumnChoice] | None = None, plan: Plan | None = None) -> Maneuvers:
     """Search a record file of any length.
+
+    ``plan`` : names of its columns, and its rate where it has no clock or several; None: its own.
 
     Raises
     ------
     RecordError : anything in the file that keeps it from being used; none of the channels that are searched.
     """
-    file = opened(source)
-    record, _ = with_load_factors(read_record(file, (), (*CONTROLS, *MOTION), channels))
+    plan = plan or Plan()
+    file = with_names(opened(source), plan.columns)
+    if plan.rate is not None:
+        refuse_rate(file, channels)
+    record, _ = with_load_factors(read_record(file, (), (*CONTROLS, *MOTION), channels, rate=plan.rate))
     signals = signals_of(record)
     found = find_maneuvers(signals)
     path = None if file.in_memory else file.path

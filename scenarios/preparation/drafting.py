@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
@@ -28,9 +28,36 @@ COMMANDS = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
 INPUTS = (*SURFACES, *COMMANDS)
 # Columns in which PX4 says what flies, and the number that means a multirotor.
 ROTARY_WING = {"vehicle_status.vehicle_type": 1.0, "vehicle_status.is_rotary_wing": 1.0}
-UNIT_WORDS = ("deg", "rad", "degs", "rads", "ms", "ms2", "kt", "kts", "ktas", "kias", "ft", "m", "g")
+# Units as they stand behind a name without brackets.
+SPELT = {
+    "deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g",
+    "dps": "deg/s", "rps": "rad/s", "fps": "ft/s", "fps2": "ft/s2", "mps": "m/s", "mps2": "m/s2", "psf": "lbf/ft2",
+}  # fmt: skip
+UNIT_WORDS = (
+    "deg",
+    "rad",
+    "degs",
+    "rads",
+    "ms",
+    "ms2",
+    "kt",
+    "kts",
+    "ktas",
+    "kias",
+    "ft",
+    "m",
+    "g",
+    "dps",
+    "rps",
+    "fps",
+    "fps2",
+    "mps",
+    "mps2",
+    "psf",
+)
 BEYOND = {"rad": 1.6, "rad/s": 8.0}  # an unlabelled angle or rate that moves further is more likely to be in degrees
 EVEN = 1e-3  # of the step, by which the steps of a clock may differ
+GAPS = 0.02  # share of the steps of a clock that may be gaps
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")  # topics that hold no measured motion
 
 
@@ -71,7 +98,8 @@ class Draft:
     ----------
     file : the record file. topics : its topics. guesses : channels found, in the order of our channels.
     faults : everything that is wrong with the file, one line each. unused : columns that no channel takes.
-    model : the model that the channels fit, empty where none does.
+    model : the model that the channels fit, empty where none does. clockless : the file has no
+        clock, and no rate was given.
     """
 
     file: RecordFile
@@ -80,6 +108,7 @@ class Draft:
     faults: tuple[str, ...]
     unused: tuple[str, ...]
     model: str
+    clockless: bool = False
 
 
 def drafted(file: RecordFile, rate: float | None = None) -> Draft:
@@ -99,8 +128,7 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
         clockless = ("the file has no clock; give its rate with --rate HZ, or name the column of time",)
     if len(topics) > 1:
         found = [guess for guess in found if guess.channel != TIME]
-    choices = {guess.channel: guess.choice for guess in found}
-    tried = [_tried(file, guess, choices, 1.0 if clockless else rate) for guess in found]
+    tried = _tried(file, found, 1.0 if clockless else rate)
     faults = list(dict.fromkeys([*clockless, *(guess.fault for guess in tried if guess.fault)]))
     taken = {column for guess in tried for column in _columns_in(guess.choice, topics)}
     names = [f"{topic.name}.{cell}" if topic.name else cell for topic in topics for cell in topic.table.header]
@@ -111,6 +139,7 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
         tuple(faults),
         tuple(name for name in names if name not in taken),
         _model_for({guess.channel for guess in tried if not guess.fault}),
+        bool(clockless),
     )
 
 
@@ -232,9 +261,11 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
         for topic in topics:
             if len(topics) > 1 and NO_MEASUREMENT.search(topic.name.lower()):
                 continue
-            for index, cell in enumerate(topic.table.header):
-                if _plain(split_header(cell)[0]) not in (rank, *(f"{rank}{word}" for word in UNIT_WORDS)):
-                    continue
+            named = [
+                n for n, cell in enumerate(topic.table.header) if _plain(split_header(cell)[0]) in (rank, *(f"{rank}{word}" for word in UNIT_WORDS))
+            ]
+            # Of two columns of one name the one whose unit is known: the other may be in any unit.
+            for index in sorted(named, key=lambda n: not _says_unit(topic, n, channel)):
                 if channel == TIME or (clock_place(topic.table) != index and _moves(topic, index)):
                     return _of_column(channel, topic, index, degrees)
     for each in words.get("expression", ()):
@@ -243,15 +274,23 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
     return _even_column(topics[0]) if channel == TIME and len(topics) == 1 else None
 
 
+def _says_unit(topic: Topic, index: int, channel: str) -> bool:
+    """Whether the file states a unit of a column that can be the channel's; any will do for a
+    clock, whose rate tells."""
+    said = stated_unit(topic.table, index)
+    return channel == TIME or (said is not None and _converts(said, CHANNEL_UNITS[channel]))
+
+
 def _even_column(topic: Topic) -> Guess | None:
-    """The first column that increases in even steps, as a clock does."""
+    """The first column that increases in even steps, as a clock does; a clock may have gaps."""
     for index in range(min(len(topic.table.header), 3)):
         values = _numbers(topic, index)
         if values.size != topic.table.rows.size or values.size < 10 or not np.all(np.diff(values) >= 0.0):
             continue
         steps = np.diff(values)
-        even = np.all(np.abs(steps - np.median(steps)) < EVEN * np.median(steps))
-        if even or grid_of_coarse_stamps(values) is not None:
+        usual = float(np.median(steps))
+        odd = np.abs(steps - usual) >= EVEN * usual
+        if (np.all(steps[odd] > usual) and np.mean(odd) < GAPS) or grid_of_coarse_stamps(values) is not None:
             return Guess(TIME, ColumnChoice(index + 1), "increases in even steps, as a clock does")
     return None
 
@@ -295,17 +334,43 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
     return Guess(channel, ColumnChoice(path, None), f"{reason}; no unit is stated: taken as {inside}")
 
 
-def _tried(file: RecordFile, guess: Guess, choices: Mapping[str, ColumnChoice], rate: float | None) -> Guess:
-    """The guess with the range of its values, or with the fault that keeps it from being read."""
-    if guess.channel == TIME:
-        return guess
-    kept = {name: choice for name, choice in choices.items() if name in (TIME, guess.channel)}
+def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> list[Guess]:
+    """The guesses with the ranges of their values, or with the faults that keep them from being
+    read.
+
+    Channels of one clock are read together, so that it is read once; each by itself only where one
+    of them has a fault.
+    """
+    topics = file.topics or (Topic("", file.table),)
+    clock = {guess.channel: guess.choice for guess in guesses if guess.channel == TIME}
+    topic_of = {f"{topic.name}.{cell}": topic.name for topic in file.topics for cell in topic.table.header}
+    groups: dict[frozenset[str], list[Guess]] = {}
+    for guess in guesses:
+        used = {topic_of[name] for name in _columns_in(guess.choice, topics)} if file.topics else set()
+        groups.setdefault(frozenset(used), []).append(guess)
+    found: dict[str, Guess] = {channel: guess for guess in guesses if (channel := guess.channel) == TIME}
+    for some in groups.values():
+        found |= _read(file, [guess for guess in some if guess.channel != TIME], clock, rate)
+    return [found[guess.channel] for guess in guesses]
+
+
+def _read(file: RecordFile, some: Sequence[Guess], clock: Mapping[str, ColumnChoice], rate: float | None) -> dict[str, Guess]:
+    """Channel -> guess with the range of its values, or with its fault."""
+    if not some:
+        return {}
     try:
-        record = read_record(file, (), [guess.channel], kept, rate=rate)
+        chosen = {**clock, **{guess.channel: guess.choice for guess in some}}
+        record = read_record(file, (), [guess.channel for guess in some], chosen, rate=rate)
     except RecordError as error:
-        return Guess(guess.channel, guess.choice, guess.reason, fault=str(error))
-    values = record[guess.channel].values[record[guess.channel].valid]
-    return Guess(guess.channel, guess.choice, guess.reason, int(values.size), float(values.min()), float(values.max()))
+        if len(some) == 1:
+            (guess,) = some
+            return {guess.channel: replace(guess, fault=str(error))}
+        return {channel: each for guess in some for channel, each in _read(file, [guess], clock, rate).items()}
+    out = {}
+    for guess in some:
+        values = record[guess.channel].values[record[guess.channel].valid]
+        out[guess.channel] = replace(guess, samples=int(values.size), least=float(values.min()), most=float(values.max()))
+    return out
 
 
 def _summary(topic: Topic) -> TopicSummary:
@@ -358,7 +423,7 @@ def _plain(name: str) -> str:
 def _suffix(cell: str) -> str | None:
     """A unit at the end of a header behind an underscore or a comma: ``alpha,__deg``, ``pitch_deg``."""
     word = re.split(r"[,_ ]+", split_header(cell)[0].strip())[-1]
-    return {"deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g"}.get(word)
+    return SPELT.get(word)
 
 
 def _converts(unit: str, inside: str) -> bool:

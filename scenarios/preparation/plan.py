@@ -60,6 +60,13 @@ class Plan:
                 raise DeclarationError(f"{value:g} Hz is no frequency", where=option, remedy="give a number above zero")
 
 
+def refuse_turned(start: float | None, stop: float | None, where: str) -> None:
+    """Raise DeclarationError where a part of a record, as a file declares it, ends before it
+    begins."""
+    if start is not None and stop is not None and not start < stop:
+        raise DeclarationError(f"from = {start:g} is not before to = {stop:g}", where=where, remedy="give the earlier time first")
+
+
 def plan_of(
     starts: Sequence[float] | None = None,
     stops: Sequence[float] | None = None,

@@ -67,6 +67,25 @@ def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
     return flown_as(request.aircraft_class or vehicle.aircraft_class, request.flight_phase or vehicle.flight_phase)
 
 
+def reading_options(request: Request, *, opening: bool = False, rate: bool = True) -> list[str]:
+    """Options of the command line that read the records as the request does, for commands that are
+    proposed.
+
+    ``opening`` : those alone that open a file: channel map, names of columns, and with ``rate`` the
+    rate.
+    """
+    plan = request.plan
+    known = [("--channels", request.channels if isinstance(request.channels, Path) else None), ("--columns", ",".join(plan.columns) or None)]
+    known.append(("--rate", None if plan.rate is None or not rate else f"{plan.rate:g}"))
+    if not opening:
+        known += [("--lowpass", None if plan.lowpass is None else f"{plan.lowpass:g}"), ("--hold", None if plan.hold is None else plan.hold.value)]
+        for segment in plan.segments:
+            for option, time in (("--from", segment.start), ("--to", segment.stop)):
+                known.append((option, None if time is None else f"{time:.9g}"))
+    words = [word for option, value in known if value is not None for word in (option, str(value))]
+    return [*words, *(["--trust-record"] if plan.trusted and not opening else [])]
+
+
 def column_choices(request: Request, known: Iterable[str] = CHANNEL_UNITS) -> Mapping[str, ColumnChoice] | None:
     """The channel map that a request names, of the channels ``known``, read now; None where it names none. Raises DeclarationError."""
     from scenarios.files.channels import read_channel_map

@@ -646,6 +646,39 @@ SCENARIOS = (
     ),
 )
 
+# Records from the files of recorders.
+RECORDS = (
+    *changes(
+        "scenarios/preparation/gaps.py",
+        ("tests/unit/scenarios/preparation/test_gaps.py",),
+        ('side="right") - 1, 0, None)', 'side="left") - 1, 0, None)'),
+        ("np.where(known, all_parts[:, before], all_parts.mean", "np.where(~known, all_parts[:, before], all_parts.mean"),
+        ("np.concatenate(values)[before], np.nan)", "np.concatenate(values)[before], 0.0)"),
+    ),
+    *changes(
+        "scenarios/files/formats/ardupilot.py",
+        ("tests/unit/scenarios/files/test_forms.py",),
+        ('float(f"{float(cells[2]):.7g}")', "1.0"),
+        ('if len(cells := rest.split(",")) == len(layout.columns)', 'if len(cells := rest.split(",")) >= 0'),
+    ),
+    *changes(
+        "scenarios/watching/rows.py",
+        ("tests/integration/commands/test_reading_options.py",),
+        ("- header.first) / header.rate", "- header.first) * header.rate"),
+        ("if choice.delay:", "if choice.hold:"),
+    ),
+    *changes(
+        "scenarios/identification/sigma_cautions.py",
+        ("tests/unit/scenarios/identification/test_sigma_cautions.py",),
+        ("several = tuple(dict.fromkeys(slow))", "several = tuple(slow)"),
+    ),
+    *changes(
+        "scenarios/files/formats/text.py",
+        ("tests/integration/commands/test_recorders.py",),
+        ('if text.endswith(("\\n", "\\r")) or last < 1', "if last < 1"),
+    ),
+)
+
 # The labs.
 FLIGHTID = (
     *changes(
@@ -669,4 +702,4 @@ FLIGHTID = (
     ),
 )
 
-MUTANTS = (*ONCE_UNNOTICED, *SIM, *IDENT, *SCENARIOS, *FLIGHTID)
+MUTANTS = (*ONCE_UNNOTICED, *SIM, *IDENT, *SCENARIOS, *RECORDS, *FLIGHTID)

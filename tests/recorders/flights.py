@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.recorders.forms import DEGREE
-from tests.recorders.logs import write_dataflash, write_ulog
+from tests.recorders.logs import write_dataflash, write_dataflash_text, write_ulog
 
 TRUTH = {"CL_alpha": 4.8, "CL_q": 7.0, "CL_de": 0.3, "Cm_alpha": -0.9, "Cm_q": -14.0, "Cm_de": -1.1}
 MASS, AREA, CHORD, INERTIA, SPEED, DENSITY = 3.2, 0.62, 0.3, 0.18, 18.0, 1.2
@@ -97,10 +97,12 @@ def flight(
 
 
 def write_all(folder: Path) -> None:
-    """The flight as ``uav.ulg``, ``uav.bin``, ``uav.xlsx``, ``uav.mf4``, ``uav.tdms``, ``uav.h5``, ``uav.mat``, ``uav.txt`` and ``uav.csv``."""
+    """The flight as ``uav.`` and ``ulg``, ``bin``, ``log``, ``xlsx``, ``mf4``, ``tdms``, ``h5``,
+    ``mat``, ``txt`` and ``csv``."""
     columns = flight()
     px4(folder / "uav.ulg", columns)
     ardupilot(folder / "uav.bin", columns)
+    ardupilot(folder / "uav.log", columns)
     _tables(folder, columns)
 
 
@@ -123,7 +125,8 @@ def px4(path: Path, columns: dict[str, np.ndarray], every: int = 1) -> Path:
 
 
 def ardupilot(path: Path, columns: dict[str, np.ndarray]) -> Path:
-    """A DataFlash log: two IMUs, angle of attack in degrees, servo pulses of two elevons of which the left one is reversed."""
+    """A DataFlash log, a text one by the suffix ``.log``: two IMUs, angle of attack in degrees,
+    servo pulses of elevons, the left one reversed."""
     stamps = np.round(1e6 * (12.0 + columns["time"]))
     angle = columns["elevator"] / DEGREE
     both = np.repeat(stamps, 2)
@@ -135,7 +138,8 @@ def ardupilot(path: Path, columns: dict[str, np.ndarray]) -> Path:
     units = {"IMU": "s#E", "AOA": "sd"}
     if "airspeed" in columns:
         messages["ARSP"], units["ARSP"] = {"TimeUS": stamps, "Airspeed": columns["airspeed"]}, "sn"
-    return write_dataflash(path, messages, units)
+    write = write_dataflash_text if path.suffix == ".log" else write_dataflash
+    return write(path, messages, units)
 
 
 def _tables(folder: Path, columns: dict[str, np.ndarray]) -> None:

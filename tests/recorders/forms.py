@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.channels import ColumnChoice
-from tests.recorders.logs import write_dataflash, write_ulog
+from tests.recorders.logs import write_dataflash, write_dataflash_text, write_ulog
 
 DEGREE = np.pi / 180.0
 NAMES = ("time", "elevator", "alpha", "q")
@@ -163,15 +163,26 @@ def _ulog(folder: Path, columns: Columns) -> Path:
     return write_ulog(folder / "record.ulg", topics)
 
 
-def _dataflash(folder: Path, columns: Columns) -> Path:
+def dataflash_messages(columns: Columns) -> dict[str, Columns]:
+    """The record as messages of an ArduPilot log; the second gyro rests."""
     stamps = np.round(1e6 * columns["time"])
     two = np.repeat(stamps, 2)
-    messages = {
+    return {
         "IMU": {"TimeUS": two, "I": np.tile([0.0, 1.0], stamps.size), "GyrY": np.column_stack([columns["q"], 0 * stamps]).ravel()},
         "AOA": {"TimeUS": stamps, "AOA": columns["alpha"] / DEGREE},
         "RCOU": {"TimeUS": stamps, "C2": 1500.0 + 500.0 * columns["elevator"]},
     }
-    return write_dataflash(folder / "record.bin", messages, {"IMU": "s#E", "AOA": "sd"})
+
+
+DATAFLASH_UNITS = {"IMU": "s#E", "AOA": "sd"}
+
+
+def _dataflash(folder: Path, columns: Columns) -> Path:
+    return write_dataflash(folder / "record.bin", dataflash_messages(columns), DATAFLASH_UNITS)
+
+
+def _dataflash_text(folder: Path, columns: Columns) -> Path:
+    return write_dataflash_text(folder / "record.log", dataflash_messages(columns), DATAFLASH_UNITS)
 
 
 def _shuffled(order: Callable[[int], list[int]]) -> Callable[[Path, Columns], Path]:
@@ -237,4 +248,5 @@ FORMS: dict[str, Form] = {
                 "q": ColumnChoice("vehicle_angular_velocity.xyz[1]")},
     ),
     "dataflash": Form(_dataflash, {**PWM, "alpha": ColumnChoice("AOA.AOA"), "q": ColumnChoice("IMU[0].GyrY")}),
+    "dataflash text": Form(_dataflash_text, {**PWM, "alpha": ColumnChoice("AOA.AOA"), "q": ColumnChoice("IMU[0].GyrY")}),
 }  # fmt: skip

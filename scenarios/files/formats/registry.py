@@ -18,7 +18,7 @@ from pathlib import Path
 from scenarios.files import formats
 from scenarios.files.formats.cells import Table, first_line
 from scenarios.files.formats.sizes import refuse_oversized
-from scenarios.files.formats.topic import Reader, Topic, as_module
+from scenarios.files.formats.topic import Reader, Topic, as_module, begins_with
 from scenarios.files.sources import MOST_RECORD, Source, too_large
 from sim.errors import RecordError
 
@@ -37,7 +37,7 @@ def readers() -> dict[str, Reader]:
 def reader_for(path: Path, raw: bytes) -> Reader:
     """The reader whose first bytes the file has, else the one of its suffix, else the reader of text."""
     for reader in readers().values():
-        if any(raw.startswith(mark) for mark in reader.MAGIC):
+        if any(begins_with(raw, mark) for mark in reader.MAGIC):
             return reader
     suffix = path.suffix.lower()
     return next((reader for reader in readers().values() if suffix in reader.SUFFIXES), readers()["text"])

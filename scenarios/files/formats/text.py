@@ -13,6 +13,7 @@ import io
 import itertools
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -59,7 +60,19 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         body = text[layout.first :]
         commented = bool(layout.above) and _is_comment(layout.above[-1])
         table = _table(path, body, layout.separator, len(layout.above), named=layout.named, commented=commented)
-    return (Topic("", table, (*notes, *layout.notes)),)
+    table, cut = _without_cut_row(table, text)
+    return (Topic("", table, (*notes, *layout.notes, *cut)),)
+
+
+def _without_cut_row(table: Table, text: str) -> tuple[Table, tuple[str, ...]]:
+    """The table without a last row that the file's end cuts, as a recorder leaves it that lost its
+    power, and a sentence on it."""
+    last = table.rows.size - 1
+    if text.endswith(("\n", "\r")) or last < 1 or table.ragged.get(last, len(table.header)) >= len(table.header):
+        return table, ()
+    note = f"the file ends within row {table.rows[last]}, which is left out"
+    ragged = {row: cells for row, cells in table.ragged.items() if row != last}
+    return replace(table, columns=tuple(column[:last] for column in table.columns), rows=table.rows[:last], ragged=ragged), (note,)
 
 
 @contextlib.contextmanager

@@ -13,6 +13,8 @@ import numpy as np
 from scenarios.files.formats.cells import Table, header_cell
 from sim.errors import RecordError
 
+FIRST_LINES = 4096  # bytes
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Topic:
@@ -36,6 +38,8 @@ class Topic:
 class Reader(Protocol):
     """A module of this package: the suffixes and first bytes of its format, and its reading function.
 
+    A mark of ``MAGIC`` that begins with a line break may stand at the begin of any of the first
+    lines, below what a program wrote above.
     ``EXTRA`` names the optional dependency group of ``pyproject.toml`` that installs the library, empty where none is needed.
     """
 
@@ -99,6 +103,12 @@ def no_table(path: Path, seen: Sequence[str], remedy: str) -> RecordError:
     """The error for a file without a column; ``seen`` are the names of what is in it instead."""
     listed = ", ".join(seen[:12]) + (", ..." if len(seen) > 12 else "")
     return RecordError(f"no column of numbers is in the file{f'; it holds {listed}' if listed else ''}", where=str(path), remedy=remedy)
+
+
+def begins_with(raw: bytes, mark: bytes) -> bool:
+    """Whether a file begins with a mark; of a mark that begins with a line break, whether one of
+    its first lines does."""
+    return mark in b"\n" + raw[:FIRST_LINES] if mark.startswith(b"\n") else raw.startswith(mark)
 
 
 def as_module(module: ModuleType) -> Reader:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scenarios.files.formats.cells import LARGEST
+
 CLOCK_NAMES = (
     "time", "t", "timestamp", "timeus", "timems", "timens", "time_us", "time_ms", "time_ns", "time_s", "timestamp_us", "timestamp_ms",
     "timestamp_ns", "elapsed", "elapsed time", "elapsed_time", "seconds", "sec", "utc", "utc time", "utc_time", "datetime", "date_time",
@@ -155,7 +157,7 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
     numbers printed with a fixed number of significant digits have fewer decimals the larger they are. Of all such grids the one
     with the least largest deviation is taken (a linear program in ``a``, ``b``).
     """
-    if time.size < 10 or not np.all(np.diff(time) >= 0.0):
+    if time.size < 10 or not np.max(np.abs(time)) < LARGEST or not np.all(np.diff(time) >= 0.0):
         return None
     step = (time[-1] - time[0]) / (time.size - 1)
     if not step > 0.0:

@@ -65,7 +65,8 @@ def find_column(
 ) -> Column | None:
     """The column of a channel, None if the table has none.
 
-    A channel in ``choices`` is looked for under that header alone. Else ``alpha``, ``alpha [deg]`` and ``alpha_deg``
+    A channel in ``choices`` is looked for under that header alone, or counts as absent. Else
+    ``alpha``, ``alpha [deg]`` and ``alpha_deg``
     count; a ``alpha_word`` whose word is no unit of an angle counts as another signal if there is an ``alpha`` besides.
     ``units`` (the sidecar's) hold for headers without a unit, before them ``under``, the row of units under the header. ``known``: all
     channels that there are, and their units inside; a header that is another channel's name is that channel's alone. ``lenient``: a unit
@@ -80,6 +81,8 @@ def find_column(
         raise RecordError(f"there is no channel {channel!r}", where=file, remedy=closest(channel, known))
     default, inside = (units or {}).get(channel, known[channel]), inside_unit(channel, known)
     if choices is not None and channel in choices:
+        if choices[channel].absent:
+            return None
         return _mapped(channel, choices[channel], header, file, default, inside, under, lenient=lenient)
     named, suffixed = [], []
     cells = _in_our_case(channel, header, known)
@@ -133,6 +136,8 @@ def missing_column(channel: str, header: Sequence[str], file: str) -> RecordErro
     present = [cell for cell in header if cell]
     shown = ", ".join(present[:20]) + (", ..." if len(present) > 20 else "")
     remedy = f'name the column {channel}, or give --channels a map with {channel} = {{column = "HEADER"}}'
+    if header and header[0] == "column 1":  # the file has no header
+        remedy = f"name the columns with --columns, or give --channels a map with {channel} = NUMBER"
     return RecordError(f"there is no column {channel!r}; the columns are {shown}", where=f"{file}, header", remedy=remedy)
 
 

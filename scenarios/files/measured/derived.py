@@ -50,6 +50,11 @@ class Wanted:
     places: Mapping[str, Place]
     is_input: bool
 
+    @property
+    def computed(self) -> bool:
+        """Whether it is anything but one column's own numbers."""
+        return self.choice.computed or len(self.places) != 1 or not self.expression.text.startswith("`")
+
 
 def with_derived(
     file: RecordFile,
@@ -74,19 +79,34 @@ def with_derived(
     ------
     RecordError : a column, topic or clock that is not there or not the only one of its name; an expression that cannot be computed.
     """
-    chosen = {name: choice for name, choice in (choices or {}).items() if name in inputs or name in outputs or name == TIME}
+    absent = {name: choice for name, choice in (choices or {}).items() if choice.absent}
+    chosen = {name: choice for name, choice in (choices or {}).items() if (name in inputs or name in outputs or name == TIME) and name not in absent}
     topics = file.topics if len(file.topics) > 1 else (Topic("", file.table),)
     if len(topics) > 1:
-        plain = {name: ColumnChoice(name) for name in (*inputs, *outputs) if name not in chosen and _unique(name, topics)}
+        others = [name for name in (*inputs, *outputs) if name not in chosen and name not in absent]
+        plain = {name: ColumnChoice(name) for name in others if _unique(name, topics) and (name in inputs or _measured(name, topics))}
         wanted = [_wanted(file, topics, name, each, name in inputs, known) for name, each in {**plain, **chosen}.items() if name != TIME]
         if not wanted:
             what = f"a log of {len(topics)} topics ({', '.join(topic.name for topic in topics[:8])}, ...)"
             raise RecordError(what, where=str(file.path), remedy=f"make a channel map with flightid map {file.path}, and name it with --channels")
-        return _merged(file, topics, wanted, rate, hold, known)
+        single, found = _merged(file, topics, wanted, rate, hold, known)
+        return single, {**found, **absent}
     needed = {name: choice for name, choice in chosen.items() if _is_computed(choice, file.table)}
     if not needed:
         return file, choices
     return _computed(file, needed, choices or {}, inputs, known)
+
+
+def source_columns(
+    file: RecordFile, choices: Mapping[str, ColumnChoice], inputs: Sequence[str], outputs: Sequence[str], known: Mapping[str, str] = CHANNEL_UNITS
+) -> tuple[int, ...]:
+    """Columns of a file with one table from which channels are computed; none where each channel is
+    a column as it stands."""
+    asked = {
+        name: choice for name, choice in choices.items() if name in (*inputs, *outputs) and not choice.absent and _is_computed(choice, file.table)
+    }
+    wanted = [_wanted(file, (Topic("", file.table),), name, choice, name in inputs, known) for name, choice in asked.items()]
+    return tuple(sorted({index for each in wanted for _, index in each.places.values()}))
 
 
 def clock_place(table: Table) -> int | None:
@@ -151,6 +171,14 @@ def _unique(name: str, topics: Sequence[Topic]) -> bool:
     return sum(name in topic.table.header for topic in topics) == 1
 
 
+def _measured(name: str, topics: Sequence[Topic]) -> bool:
+    """Whether a field that nobody mapped is anything but zero: loggers keep fields of sensors that
+    are not there."""
+    topic, index = _places(name, topics)[0]
+    values = numbers(topics[topic].table, index).values
+    return bool(np.any(np.isfinite(values) & (values != 0.0)))
+
+
 def _wanted(file: RecordFile, topics: Sequence[Topic], channel: str, choice: ColumnChoice, is_input: bool, known: Mapping[str, str]) -> Wanted:
     where = f"{file.path}, channel {channel}"
     if isinstance(choice.column, int):
@@ -202,16 +230,17 @@ def _computed(
     table, topics = file.table, (Topic("", file.table),)
     header, columns = list(table.header), list(table.columns)
     units = list(table.units) if table.units else []
-    new = dict(choices)
+    new, notes = dict(choices), list(file.notes)
     for channel, choice in needed.items():
         wanted = _wanted(file, topics, channel, choice, channel in inputs, known)
         if channel == TIME:
             place = next(iter(wanted.places.values()))
-            clock = clock_of(table, place[1], choice.unit) if not is_plain_expression(wanted) else None
+            clock = clock_of(table, place[1], choice.unit) if not wanted.computed else None
             values = clock.time if clock is not None else _values(file, wanted, topics, choice.unit)
             unit = "s" if clock is not None or choice.unit is None else choice.unit
         else:
-            values, unit = _in_unit(file, wanted, topics, known)
+            values, unit, note = _in_unit(file, wanted, topics, known)
+            notes += [f"{channel}: {note}"] if note else []
         if choice.delay:
             place_of_clock = _clock_index(table, choices)
             if place_of_clock is None:
@@ -223,12 +252,7 @@ def _computed(
         units += [unit] if units else []
         new[channel] = ColumnChoice(label, unit, hold=choice.hold)
     wider = replace(table, header=tuple(header), columns=tuple(columns), units=tuple(units))
-    return replace(file, table=wider), new
-
-
-def is_plain_expression(wanted: Wanted) -> bool:
-    """Whether more than one column's own numbers is computed."""
-    return wanted.choice.computed or len(wanted.places) != 1 or not wanted.expression.text.startswith("`")
+    return replace(file, table=wider, notes=tuple(notes)), new
 
 
 def _clock_index(table: Table, choices: Mapping[str, ColumnChoice]) -> int | None:
@@ -238,16 +262,33 @@ def _clock_index(table: Table, choices: Mapping[str, ColumnChoice]) -> int | Non
     return choice.column - 1 if choice is not None and isinstance(choice.column, int) else clock_place(table)
 
 
-def _in_unit(file: RecordFile, wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]) -> tuple[np.ndarray, str]:
-    """A channel's values as computed, and their unit: the one of the choice, else the one that follows from the columns'."""
-    unit = wanted.choice.unit
-    inside = inside_unit(wanted.channel, known)
-    if unit is None and not is_plain_expression(wanted):
-        topic, index = next(iter(wanted.places.values()))
-        said = stated_unit(topics[topic].table, index)
-        unit = said if said and _measures(said, inside) else None
-        return _values(file, wanted, topics, unit or ""), unit or inside
-    return _values(file, wanted, topics, unit), unit if unit is not None else inside
+def _in_unit(file: RecordFile, wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]) -> tuple[np.ndarray, str, str]:
+    """A channel's values as computed, their unit, and a sentence on a unit that is not used."""
+    unit, note = _unit_of(wanted, topics, known)
+    return _values(file, wanted, topics, unit), inside_unit(wanted.channel, known) if unit is None else unit, note
+
+
+def _unit_of(wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]) -> tuple[str | None, str]:
+    """The unit of a channel's numbers, and a sentence on a stated one that is not used; None:
+    columns of stated units are computed with in SI.
+
+    The unit of the choice goes first, then the one that the file states for a column that is taken
+    as it stands.
+
+    Raises
+    ------
+    RecordError : somebody wrote a unit to the column that is none of the channel.
+    """
+    if wanted.choice.unit is not None or wanted.computed:
+        return wanted.choice.unit, ""
+    topic, index = next(iter(wanted.places.values()))
+    table, inside = topics[topic].table, inside_unit(wanted.channel, known)
+    said = stated_unit(table, index)
+    if not said or not inside or _measures(said, inside):
+        return said or inside, ""
+    if not table.stated_apart:
+        to_si(1.0, said, inside, f"{table.file}, column {table.header[index]!r}")
+    return inside, f"the unit {said} that the file states is no unit of it and is not used"
 
 
 def _measures(unit: str, inside: str) -> bool:
@@ -388,13 +429,13 @@ def _on_grid(
     known: Mapping[str, str],
 ) -> tuple[np.ndarray, str, str]:
     """A channel's values on the grid, NaN where an output has no sample, their unit, and how it got there."""
-    raw = wanted.choice.unit is not None
+    unit, unused = _unit_of(wanted, topics, known)
     laid: dict[str, np.ndarray] = {}
     slowest = 0.0
-    notes: list[str] = []
+    notes: list[str] = [unused] if unused else []
     for name, place in wanted.places.items():
         time, rows = clocks[place[0]]
-        values = _numbers(file, topics, place, wanted, si=not raw)[rows]
+        values = _numbers(file, topics, place, wanted, si=unit is None)[rows]
         laid[name], own, said = _laid(time, values, grid + wanted.choice.delay, step, wanted, hold)
         slowest = max(slowest, own)
         notes += [said] if said else []
@@ -403,13 +444,6 @@ def _on_grid(
     if not wanted.is_input and slowest > SAME_RATE * step:
         values = np.where(_nearest(clocks, wanted, grid), values, np.nan)
         notes.append(f"its own samples come every {slowest:.3g} s, the grid's every {step:.3g} s: it has samples only where it was measured")
-    unit = wanted.choice.unit
-    if unit is None and not is_plain_expression(wanted):
-        topic, index = next(iter(wanted.places.values()))
-        said_unit = stated_unit(topics[topic].table, index)
-        inside = inside_unit(wanted.channel, known)
-        if said_unit and not _measures(said_unit, inside):
-            notes.append(f"the unit {said_unit} that the file states is no unit of it and is not used")
     return values, unit if unit is not None else inside_unit(wanted.channel, known), "; ".join(dict.fromkeys(notes))
 
 

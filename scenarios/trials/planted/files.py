@@ -29,7 +29,7 @@ def _write_records(study: TraceStudy, folder: Path) -> None:
     """All three records, the vehicle file, and the prediction of the third record, ``before_CHANNEL`` and ``after_CHANNEL``."""
     write_flown(study.flown, folder)
     write_record(folder, study.flown.test, "test", simulated=True)
-    write_prediction(folder / "test_prediction.csv", study.test.prediction)
+    write_prediction(folder / "test_prediction.csv", study.test.predictions[0])
 
 
 def truth_content(study: TraceStudy) -> dict[str, Any]:
@@ -93,10 +93,10 @@ def _third(study: TraceStudy) -> dict[str, Any]:
         "record": "test.csv",
         "used_in_fit": False,
         "used_to_choose": False,
-        "unit": {name: units.get(name, "") for name in found.prediction.channels},
+        "unit": {name: units.get(name, "") for name in found.predictions[0].channels},
         "before": {"rmse": dict(found.before.rmse)},
         "after": {"rmse": {name: bounded(value) for name, value in found.after.rmse.items()}},
-        "noise_std": {name: value for name, value in study.flown.noise_std.items() if name in found.prediction.channels},
+        "noise_std": {name: value for name, value in study.flown.noise_std.items() if name in found.predictions[0].channels},
         "finite": found.finite,
     }
 

@@ -62,10 +62,9 @@ def _same_numbers(flightid: CommandLine, tmp_path: Path, columns: dict[str, np.n
     for name, truth in TRUTH.items():
         assert abs(expected[name]["estimate"] - truth) < 3.5 * expected[name]["std"], name
     flown = "airspeed" in columns
-    logs = [
-        (px4(tmp_path / "uav.ulg", columns), PX4 + flown * PX4_AIRSPEED),
-        (ardupilot(tmp_path / "uav.bin", columns), ARDUPILOT + flown * ARDUPILOT_AIRSPEED),
-    ]
+    logs = [(px4(tmp_path / "uav.ulg", columns), PX4 + flown * PX4_AIRSPEED)]
+    mapped = ARDUPILOT + flown * ARDUPILOT_AIRSPEED
+    logs += [(ardupilot(tmp_path / name, columns), mapped) for name in ("uav.bin", "uav.log")]
     for log, channels in logs:
         found = estimates(flightid, tmp_path, log, channels)
         for name in TRUTH:
@@ -123,3 +122,47 @@ def test_a_draft_of_a_log_is_a_map_that_reads_it(flightid: CommandLine, tmp_path
     assert 'q = "IMU[0].GyrY"' in text and 'alpha = {column = "AOA.AOA", unit = "deg"}' in text
     assert "a log of 4 topics" in printed and "drafts to check" in printed
     assert "already" in flightid.refused("map", str(tmp_path / "uav.bin"), "--out", str(tmp_path / "draft"))
+
+
+def test_a_draft_finds_the_clock_with_a_gap_and_the_columns_whose_units_are_stated(flightid: CommandLine, tmp_path: Path) -> None:
+    columns = flight()
+    time = np.where(columns["time"] < 9.0, columns["time"], columns["time"] + 30.0)
+    np.savetxt(tmp_path / "bare.txt", np.column_stack([time, columns["elevator"], columns["alpha"], columns["q"]]), fmt="%.9g")
+    assert "time = 1  # increases in even steps" in flightid.done("map", tmp_path / "bare.txt")
+    rows = [f"{a:.9g},{b:.9g},{c:.9g},{d:.9g}" for a, b, c, d in zip(*(columns[each] for each in ("time", "elevator", "q", "q")), strict=True)]
+    (tmp_path / "two.csv").write_text("\n".join(["time,elevator,q,* q (rad/s)", *rows]) + "\n")
+    assert 'q = {column = "* q (rad/s)", unit = "rad/s"}' in flightid.done("map", tmp_path / "two.csv")
+    named = "\n".join(["time,elevator rad,q rps,Vt fps", *(f"{row.rsplit(',', 1)[0]},{333.0 + n}" for n, row in enumerate(rows))])
+    (tmp_path / "spelt.csv").write_text(named + "\n")
+    drafted = flightid.done("map", tmp_path / "spelt.csv")
+    assert 'q = {column = "q rps", unit = "rad/s"}' in drafted and 'airspeed = {column = "Vt fps", unit = "ft/s"}' in drafted
+
+
+def test_a_file_that_ends_within_a_row_is_read_without_it(flightid: CommandLine, tmp_path: Path) -> None:
+    path = by_hand(tmp_path, flight())
+    whole = path.read_text()
+    cut = whole[: whole.rstrip().rindex(",")]  # the recorder lost its power
+    path.write_text(cut)
+    assert "note: the file ends within row 2001, which is left out" in flightid.done("map", path)
+    path.write_text(cut + "\n")
+    assert "row 2001: 3 cells under a header of 4" in flightid.done("map", path)
+
+
+def test_the_next_command_has_the_options_that_opened_the_file(flightid: CommandLine, tmp_path: Path) -> None:
+    columns = flight()
+    np.savetxt(tmp_path / "bare.txt", np.column_stack([columns[each] for each in ("elevator", "alpha", "q")]), fmt="%.9g")
+    named = ["--columns", "elevator,alpha,q"]
+    assert "--rate 100 --columns elevator,alpha,q" in flightid.done("map", tmp_path / "bare.txt", *named, "--rate", "100", "--out", tmp_path / "a")
+    assert "--rate HZ --columns elevator,alpha,q" in flightid.done("map", tmp_path / "bare.txt", *named, "--out", tmp_path / "b")
+    assert "name the columns with --columns" in flightid.refused("identify", tmp_path / "bare.txt", "--model", "rigid", "--vehicle", _uav(tmp_path))
+
+
+def _uav(folder: Path) -> Path:
+    (folder / "uav.toml").write_text(VEHICLE)
+    return folder / "uav.toml"
+
+
+def test_a_damaged_text_log_is_refused_in_one_line(flightid: CommandLine, tmp_path: Path) -> None:
+    log = ardupilot(tmp_path / "uav.log", flight())
+    log.write_text(log.read_text().replace("FMT, 1, 20, IMU, QBd", "FMT, 1, 20, IMU, Q?d"))
+    assert "not a readable ArduPilot DataFlash file" in flightid.refused("map", str(log))

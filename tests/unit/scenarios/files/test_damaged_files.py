@@ -14,7 +14,7 @@ from tests.recorders.forms import FORMS, record
 
 COUNT = 200
 BINARY = ("parquet", "feather", "excel", "ods", "hdf5", "mat vectors", "mat nested", "mat matrix", "mat 7.3", "mdf", "tdms", "ulog", "dataflash")
-TEXT = ("blanks", "bar", "no header", "utf-16", "preamble", "iso", "hh:mm:ss", "irig", "microseconds", "row of units")
+TEXT = ("dataflash text", "blanks", "bar", "no header", "utf-16", "preamble", "iso", "hh:mm:ss", "irig", "microseconds", "row of units")
 KINDS = ("cut", "flip", "zero", "doubled", "random tail", "other suffix", "head only", "exchanged")
 
 
@@ -57,7 +57,7 @@ def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, part: int
         rng = np.random.default_rng(seed)
         name = (*BINARY, *TEXT)[seed % (len(BINARY) + len(TEXT))]
         kind = KINDS[int(rng.integers(len(KINDS)))]
-        suffix = str(rng.choice([".csv", ".mat", ".bin", ".h5", ".xlsx"])) if kind == "other suffix" else whole[name].suffix
+        suffix = str(rng.choice([".csv", ".mat", ".bin", ".log", ".h5", ".xlsx"])) if kind == "other suffix" else whole[name].suffix
         path = tmp_path / f"case{seed}{suffix}"
         path.write_bytes(damaged(whole[name].read_bytes(), kind, rng))
         form = FORMS[name]
