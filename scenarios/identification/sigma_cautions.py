@@ -1,15 +1,19 @@
-"""What coloured residuals speak of: by how much the sigmas of a method are too small where it has been measured, and filter error instead."""
+"""Cautions on sigmas that are smaller than the errors: gusts, lost rows, a model that is unstable; and where filter error is the method."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ident.estimate import Estimate
 from ident.statistics.residual_spectrum import common_disturbance
 from ident.statistics.residuals import ResidualTest
+from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.unstable_motion import GROWN, fastest, growth
 from scenarios.identification.frequency import METHOD as FREQUENCY
+from sim.declaration.system import System
 from sim.record import Record
 
 # In gusts, of the worst model: the factor on sigmas with which two of them hold 95.4 % of the true
@@ -27,13 +31,41 @@ SLOW = 0.5  # correlation of samples in a row from which a residual is more alik
 INTENSITY = "gust-turbulence.sigma"
 
 
-def sigma_cautions(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
+def sigma_cautions(
+    records: Sequence[Record],
+    estimate: Estimate,
+    system: System | None = None,
+    tests: Sequence[ResidualTest] = (),
+    local: Sequence[str] = (),
+) -> tuple[str, ...]:
     """A sentence on each reason for which sigmas of the method are smaller than its errors; else nothing.
 
-    Lost rows: see ``LOST_ROWS``. Gusts, for output error and the frequency domain: one cause moves the residuals of several outputs.
-    Gusts, for filter error: the intensity of the gusts is more than two of its sigmas.
+    Lost rows: see ``LOST_ROWS``. A model that is unstable at the estimate (of ``system``, with
+    ``local`` parameters of each record), whose residuals change slowly by their ``tests``. Else
+    gusts, for output error and the frequency domain: one cause moves the residuals of several
+    outputs. Gusts, for filter error: their intensity is more than two of its sigmas.
     """
-    return (*_of_lost_rows(records, estimate), *_of_gusts(records, estimate))
+    unstable = _of_instability(records, estimate, system, tests, local) if system is not None else ()
+    return (*_of_lost_rows(records, estimate), *(unstable or _of_gusts(records, estimate)))
+
+
+def _of_instability(
+    records: Sequence[Record], estimate: Estimate, system: System, tests: Sequence[ResidualTest], local: Sequence[str]
+) -> tuple[str, ...]:
+    """Errors of a free simulation grow with its unstable mode, while sigmas of output error count the sensors' noise alone."""
+    if not np.all(np.isfinite(estimate.values)) or not slow_residuals(records, estimate, tests):
+        return ()
+    known = {name: value for name, value in estimate.as_dict().items() if name in system.parameters}
+    found = replace(system, parameters=system.parameters.with_values(known))
+    layout = lay_out(records, found, FitSettings(), local=local)
+    if not GROWN <= growth(layout) < np.inf:
+        return ()
+    return (
+        f"the model is unstable at the estimate: its free simulation doubles small errors, such as "
+        f"those of inputs between samples and of rounding, every {np.log(2.0) / fastest(layout):.2g} s; "
+        f"sigmas of {estimate.method} count the noise of the sensors alone and are too small, and values "
+        f"may be wrong by many of them; use --method filter-error, which allows for such errors",
+    )
 
 
 def _of_lost_rows(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
