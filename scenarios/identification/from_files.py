@@ -19,7 +19,7 @@ from scenarios.identification.identify import identify
 from scenarios.identification.input_reading import WORDS, OtherReading, opposite, other_reading
 from scenarios.identification.methods import FILTERS, METHODS, forced, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
-from scenarios.identification.sigma_cautions import slow_residuals
+from scenarios.identification.sigma_cautions import disturbed_outputs
 from scenarios.identification.wild_points import wild_points, with_wild_points, without
 from scenarios.preparation.cruise import cruise_caution
 from scenarios.preparation.interpreting import BETTER, held_by_computer, likelier_by
@@ -123,8 +123,8 @@ def _identified(
 
 def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: Identification) -> tuple[str, ...]:
     """The command for filter error, where residuals are as process noise makes them and the model has a place for it."""
-    slow = slow_residuals([found.record, *found.others], found.estimate, found.tests)
-    if not slow:
+    moved = disturbed_outputs([found.record, *found.others], found.estimate, found.tests)
+    if not moved:
         return ()
     try:
         forced(model_of_file(vehicle), [found.record])
@@ -136,8 +136,8 @@ def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: Identi
     given = {"--model": model, "--vehicle": request.vehicle, "--channels": request.channels}
     options = [word for option, value in given.items() if isinstance(value, str | Path) for word in (option, str(value))]
     command = " ".join(["flightid identify", *words, *options, "--method filter-error"])
-    listed = f"{', '.join(slow[:-1])} and {slow[-1]}"
-    return (f"the residuals of {listed} change slowly, as turbulence makes them; {command} estimates such noise together with the parameters",)
+    listed = f"{', '.join(moved[:-1])} and {moved[-1]}" if len(moved) > 1 else moved[0]
+    return (f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such noise together with the parameters",)
 
 
 def _without_wild_points(
