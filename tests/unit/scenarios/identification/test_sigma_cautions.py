@@ -67,3 +67,11 @@ def test_one_long_gap_and_jittered_times_are_no_lost_rows() -> None:
     channel = Channel.of("q", "rad/s", rng.standard_normal(400))
     record = Record(time, (), (channel,))
     assert lost_rows([record]) == pytest.approx(1 / 399)
+
+
+@pytest.mark.parametrize(("noise", "proposed"), [("markov-gusts", True), ("dryden-gusts", True), ("ar1", False), ("white", False)])
+def test_filter_error_is_proposed_in_gusts_and_not_for_coloured_noise_of_each_sensor(noise: str, *, proposed: bool) -> None:
+    flight = flown("rigid", noise, 1)
+    vehicle = {**flight.vehicle, "derivatives": dict(flight.start)}
+    found = flightid.identify(pd.DataFrame(flight.columns), "rigid", vehicle, hold="previous")
+    assert any("--method filter-error" in note for note in found.details.found.notes) == proposed
