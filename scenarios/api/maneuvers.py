@@ -96,17 +96,18 @@ class Maneuvers:
         )
 
 
-def find_maneuvers(record: Source, *, channels: Choices | None = None) -> Maneuvers:
+def find_maneuvers(record: Source, *, channels: Choices | None = None, rate: float | None = None) -> Maneuvers:
     """Find the maneuvers in a record of any length: ``flightid maneuvers`` in Python.
 
     Parameters
     ----------
     record : a ``Record``, or whatever ``read_record`` takes.
     channels : a channel map as in ``read_record``.
+    rate : Hz; the samples a second of a record without a clock, and the grid on which topics of a log are put.
 
     Raises
     ------
     InputError : anything in the record that keeps it from being searched, in one line.
     """
     chosen = choices_of(channels)
-    return Maneuvers(finding.maneuvers_of(file_of(record), read_channel_map(chosen) if chosen is not None else None))
+    return Maneuvers(finding.maneuvers_of(file_of(record), read_channel_map(chosen) if chosen is not None else None, rate))

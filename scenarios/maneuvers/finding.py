@@ -97,15 +97,15 @@ class Maneuvers:
         return f"<Maneuvers of {self.identity.name}: {len(self.maneuvers)}>"
 
 
-def maneuvers_of(source: Path | RecordFile, channels: Mapping[str, ColumnChoice] | None = None) -> Maneuvers:
-    """Search a record file of any length.
+def maneuvers_of(source: Path | RecordFile, channels: Mapping[str, ColumnChoice] | None = None, rate: float | None = None) -> Maneuvers:
+    """Search a record file of any length; ``rate`` (Hz) as of ``read_record``.
 
     Raises
     ------
     RecordError : anything in the file that keeps it from being used; none of the channels that are searched.
     """
     file = opened(source)
-    record, _ = with_load_factors(read_record(file, (), (*CONTROLS, *MOTION), channels))
+    record, _ = with_load_factors(read_record(file, (), (*CONTROLS, *MOTION), channels, rate=rate))
     signals = signals_of(record)
     found = find_maneuvers(signals)
     path = None if file.in_memory else file.path

@@ -7,13 +7,15 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import AsJson, Channels, Figures, NoFigures, Out, Quiet
+from scenarios.cli.options import AsJson, Channels, Columns, Figures, NoFigures, Out, Quiet
 from scenarios.plots.formats import formats_of
 
 
 def maneuvers(
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="A recorded flight of any length.")],
     channels: Channels = None,
+    columns: Columns = None,
+    rate: Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Rate of a record without a clock; grid of a log's topics.")] = None,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -31,4 +33,4 @@ def maneuvers(
         as_json=as_json,
         documents=["maneuvers.json"],
     ) as told:
-        search_record(record, channels, told.out, told.figures)
+        search_record(record, channels, columns, rate, told.out, told.figures)

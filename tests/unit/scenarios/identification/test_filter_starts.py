@@ -131,7 +131,7 @@ def test_linear_algebra_that_fails_is_one_line_on_the_record(monkeypatch: pytest
 
 
 def test_filter_error_settles_where_biases_are_hardly_known(tmp_path: Path) -> None:
-    """In still air: the intensity of gusts is at its bound, and steps along biases that the data hardly know stay long while the likelihood stands."""
+    """In still air the intensity of gusts is at its bound, and steps along biases stay long while the likelihood no longer changes."""
     flight = flown("lateral", "white", 6)
     record, vehicle = write_flight(tmp_path, flight)
     found = identify_files(Request((record,), "lateral", vehicle, plan=Plan(hold=Hold.PREVIOUS)), "filter-error").found.estimate

@@ -247,7 +247,7 @@ def test_the_simulated_lateral_record_with_process_noise() -> None:
 
 
 def test_the_simulated_unstable_record() -> None:
-    """Its simulation holds the mean of two elevator samples, neither the first of them nor a line: a free simulation doubles that error every second."""
+    """Its elevator was held at the mean of two samples, neither at the first nor on a line: a free simulation doubles that error every second."""
     record = measured("unStabAC_sim.asc", {"elevator": 5, "w": 3, "q": 4, "az": 6})
     plain = flightid.identify(record, short_period(begun(UNSTABLE)))
     assert np.max(np.abs(list(off(plain, UNSTABLE).values()))) > 100.0 and said_unstable(plain)
