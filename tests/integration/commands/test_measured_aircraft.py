@@ -28,6 +28,7 @@ FLOWN = {
     "fAttasAil1": [("roll", "multistep", 55.8, 60.5)],
     "fAttasRud1": [("yaw", "doublet", 116.4, 118.7)],
     "fAttasAilRud1": [("roll", "multistep", 55.8, 60.5), ("yaw", "doublet", 116.4, 118.7)],
+    "fAttasAilRud2": [("roll", "multistep", 83.3, 89.1), ("yaw", "doublet", 144.9, 147.3)],
     "hfb320": [("pitch", "3-2-1-1", 4.5, 11.8), ("pitch", "step", 25.4, 41.3)],
 }
 
