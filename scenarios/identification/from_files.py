@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from scenarios.identification.sigma_cautions import disturbed_outputs
 from scenarios.identification.wild_points import wild_points, with_wild_points, without
 from scenarios.preparation.cruise import cruise_caution
 from scenarios.preparation.interpreting import BETTER, held_by_computer, likelier_by
-from scenarios.preparation.plan import BY_HAND
+from scenarios.preparation.plan import BY_HAND, options_of
 from scenarios.preparation.plausibility import refuse_still, refuse_strangers, refuse_unpredictable
 from scenarios.preparation.reading import prepare
 from scenarios.preparation.request import Request, column_choices, flown_of
@@ -135,7 +136,9 @@ def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: Identi
     model = request.model if isinstance(request.model, str) else "MODEL"
     given = {"--model": model, "--vehicle": request.vehicle, "--channels": request.channels}
     options = [word for option, value in given.items() if isinstance(value, str | Path) for word in (option, str(value))]
-    command = " ".join(["flightid identify", *words, *options, "--method filter-error"])
+    validate = [str(path) for record in request.validate if (path := path_of(record)) is not None]
+    options += [*(word for path in validate for word in ("--validate", path)), *options_of(request.plan)]
+    command = shlex.join(["flightid", "identify", *words, *options, "--method", "filter-error"])
     listed = f"{', '.join(moved[:-1])} and {moved[-1]}" if len(moved) > 1 else moved[0]
     return (f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such noise together with the parameters",)
 
