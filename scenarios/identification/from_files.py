@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from scenarios.identification.identify import identify
 from scenarios.identification.input_reading import WORDS, OtherReading, opposite, other_reading
 from scenarios.identification.methods import FILTERS, METHODS, forced, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
-from scenarios.identification.sigma_cautions import slow_residuals
+from scenarios.identification.sigma_cautions import disturbed_outputs
 from scenarios.identification.wild_points import left_out, same_points, wild_points, with_wild_points, without
 from scenarios.preparation.cruise import cruise_caution
 from scenarios.preparation.interpreting import BETTER, held_by_computer, likelier_by
@@ -134,8 +135,8 @@ def _identified(
 
 def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: Identification) -> tuple[str, ...]:
     """The command for filter error, where residuals are as process noise makes them and the model has a place for it."""
-    slow = slow_residuals([found.record, *found.others], found.estimate, found.tests)
-    if not slow:
+    moved = disturbed_outputs([found.record, *found.others], found.estimate, found.tests)
+    if not moved:
         return ()
     try:
         forced(model_of_file(vehicle), [found.record])
@@ -146,10 +147,11 @@ def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: Identi
     model = request.model if isinstance(request.model, str) else "MODEL"
     given = {"--model": model, "--vehicle": request.vehicle}
     options = [word for option, value in given.items() if isinstance(value, str | Path) for word in (option, str(value))]
-    options += reading_options(request)
-    command = " ".join(["flightid identify", *words, *options, "--method filter-error"])
-    listed = f"{', '.join(slow[:-1])} and {slow[-1]}"
-    return (f"the residuals of {listed} change slowly, as turbulence makes them; {command} estimates such noise together with the parameters",)
+    validate = [str(path) for record in request.validate if (path := path_of(record)) is not None]
+    options += [*(word for path in validate for word in ("--validate", path)), *reading_options(request)]
+    command = shlex.join(["flightid", "identify", *words, *options, "--method", "filter-error"])
+    listed = f"{', '.join(moved[:-1])} and {moved[-1]}" if len(moved) > 1 else moved[0]
+    return (f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such noise together with the parameters",)
 
 
 def _without_wild_points(

@@ -79,6 +79,7 @@ def identify(
     bounded, system, estimate, at_bounds = within_bounds(
         biased, lambda each: estimated_by(records, each, outputs, method, settings, options), kept=method not in FILTERS
     )
+    tests = _tests(records, estimate)
     rows, names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
     airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
     flown, compiled = estimate.only(system.parameters.names), compile_model(bounded, outputs)
@@ -91,10 +92,10 @@ def identify(
         tuple(row for row in rows if row.name in names),
         _derived(vehicle, system, estimate, flown if airborne else None),
         {item.name: (item.value, item.unit) for item in biased.parameters if not item.free and item.name not in {tie.name for tie in model.ties}},
-        _tests(records, estimate),
+        tests,
         tuple(others),
         notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
-        cautions=(*cautions_of(vehicle, estimate, rows), *sigma_cautions(records, estimate)),
+        cautions=(*cautions_of(vehicle, estimate, rows), *sigma_cautions(records, estimate, compiled, tests, [PATH])),
         modes=characteristics(system, flown, SLOW) if airborne else None,
         system=system,
         tied=tied_rows(bounded, estimate),

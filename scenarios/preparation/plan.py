@@ -87,6 +87,19 @@ def plan_of(
     return Plan(_segments(list(starts or ()), list(stops or ())), held, rate, lowpass, trusted, _names_of(columns))
 
 
+def options_of(plan: Plan) -> list[str]:
+    """The words of a command line that ask for a plan; segments of maneuvers as their times."""
+    words = []
+    for segment in plan.segments:
+        for option, value in (("--from", segment.start), ("--to", segment.stop)):
+            words += [option, f"{value:.9g}"] if value is not None else []
+    words += ["--hold", plan.hold.value] if plan.hold is not None else []
+    for option, frequency in (("--rate", plan.rate), ("--lowpass", plan.lowpass)):
+        words += [option, f"{frequency:.9g}"] if frequency is not None else []
+    words += ["--columns", ",".join(plan.columns)] if plan.columns else []
+    return [*words, "--trust-record"] if plan.trusted else words
+
+
 def _names_of(columns: str | None) -> tuple[str, ...]:
     names = tuple(name.strip() for name in columns.split(",")) if columns is not None else ()
     twice = next((name for name in names if names.count(name) > 1), None)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.preparation.plan import Plan
+from scenarios.preparation.plan import Plan, options_of
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:  # a process that draws figures starts before these are loaded
@@ -75,15 +75,10 @@ def reading_options(request: Request, *, opening: bool = False, rate: bool = Tru
     rate.
     """
     plan = request.plan
-    known = [("--channels", request.channels if isinstance(request.channels, Path) else None), ("--columns", ",".join(plan.columns) or None)]
-    known.append(("--rate", None if plan.rate is None or not rate else f"{plan.rate:g}"))
+    words = ["--channels", str(request.channels)] if isinstance(request.channels, Path) else []
     if not opening:
-        known += [("--lowpass", None if plan.lowpass is None else f"{plan.lowpass:g}"), ("--hold", None if plan.hold is None else plan.hold.value)]
-        for segment in plan.segments:
-            for option, time in (("--from", segment.start), ("--to", segment.stop)):
-                known.append((option, None if time is None else f"{time:.9g}"))
-    words = [word for option, value in known if value is not None for word in (option, str(value))]
-    return [*words, *(["--trust-record"] if plan.trusted and not opening else [])]
+        return [*words, *options_of(plan)]
+    return [*words, *options_of(Plan(columns=plan.columns, rate=plan.rate if rate else None))]
 
 
 def column_choices(request: Request, known: Iterable[str] = CHANNEL_UNITS) -> Mapping[str, ColumnChoice] | None:

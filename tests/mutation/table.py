@@ -160,7 +160,7 @@ SIM = (
         ("tests/unit/sim/vehicles/test_multirotor.py",),
         ("p.M_pr * s.p * s.r", "p.M_pr * s.p * s.q"),
         ("p.Z_0 + p.Z_col * s.thrust_command", "p.Z_0 - p.Z_col * s.thrust_command"),
-        ("ActuatorLag(name, \"1\", name, LAG) for name in COMMANDS)", "ActuatorLag(name, \"1\", name, LAG) for name in COMMANDS[:3])"),
+        ('ActuatorLag(name, "1", name, LAG) for name in COMMANDS)', 'ActuatorLag(name, "1", name, LAG) for name in COMMANDS[:3])'),
     ),
     *changes(
         "sim/declaration/model.py",

@@ -22,9 +22,11 @@ SLOWEST = 0.1  # Hz: a counter of whole numbers that would be slower in seconds 
 FEWEST = 20  # steps from which the rate of a counter says its unit
 EPOCH = 1e8  # s: larger stamps are dates, and time counts from the first sample
 DAY = 86400.0
-REGULARLY = 0.05  # share of the steps that rounding makes uneven at least; a single odd stamp is a fault
+# Share of the steps that rounding makes uneven at least; a single odd stamp is a fault. Of 1500 records at 10 to 400 Hz with
+# stamps of 2 to 4 digits every one that rounding makes uneven gets its grid; with 0.05 those of 33 Hz in 0.01 s did not.
+REGULARLY = 0.01
 COARSE = 0.01  # of the step, from which the digits of the stamps limit it
-DISPLACED = 0.02  # share of the rows that may stand in the wrong place
+DISPLACED = 0.02  # share of the rows that may stand in the wrong place; in order, a record has none and this decides nothing
 _TIME_OF_DAY = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)")
 
 

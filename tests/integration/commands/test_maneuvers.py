@@ -192,3 +192,18 @@ def test_almost_all_cruise_is_said(flightid: CommandLine, searched: Path, tmp_pa
     assert 0.03 < float(said.split("noise in ")[1].split(" %")[0]) / 100.0 < 0.1
     part = identified(flightid, searched, tmp_path / "b", "--maneuver", "pitch-doublet-1")
     assert not any("cruise" in each for each in part["warnings"])
+
+
+def test_a_record_without_a_clock_and_without_a_header(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+    """The same maneuvers at the same times as from the record with both; without the rate one line."""
+    rows = np.loadtxt(folder / "flight.csv", delimiter=",", skiprows=1)
+    header = (folder / "flight.csv").read_text().splitlines()[0].split(",")
+    np.savetxt(tmp_path / "bare.csv", rows[:, 1:], delimiter=",", fmt="%.9g")
+    options = ("--columns", ",".join(name.split(" ")[0] for name in header[1:]))
+    assert "--rate" in flightid.refused("maneuvers", tmp_path / "bare.csv", *options)
+    flightid.done("maneuvers", tmp_path / "bare.csv", *options, "--rate", 20, "--no-figures", "--out", tmp_path / "found")
+    found = json.loads((tmp_path / "found" / "maneuvers.json").read_text())["maneuvers"]
+    wanted = fid.find_maneuvers(folder / "flight.csv").to_dict()["maneuvers"]
+    assert [(each["kind"], each["start"]) for each in found] == [(each["kind"], pytest.approx(each["start"], abs=1e-6)) for each in wanted]
+    columns = {name.split(" ")[0]: column for name, column in zip(header[1:], rows[:, 1:].T, strict=True)}
+    assert len(fid.find_maneuvers(columns, rate=20.0)) == len(wanted)

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenarios.files.measured.clock import (
+    REGULARLY,
     grid_of_coarse_stamps,
     is_clock,
     seconds_of_counter,
@@ -56,13 +57,20 @@ def test_a_grid_that_was_printed_with_few_digits_is_recovered(step: float, digit
     if found is None:
         steps = np.diff(printed)
         last = np.abs(printed) * 10.0 ** (1 - digits)
-        if np.mean(np.abs(steps - np.median(steps)) > 0.01 * np.median(steps)) < 0.05:
+        if np.mean(np.abs(steps - np.median(steps)) > 0.01 * np.median(steps)) < REGULARLY:
             return  # hardly any step is uneven
         assert np.max(np.abs(steps - steps.mean())) < 0.011 * step or last.max() < 0.11 * step
         return
     unit = 10.0 ** (np.floor(np.log10(np.abs(printed[-1]))) + 1 - digits)
     assert np.max(np.abs(found[0] - true)) <= unit
     assert np.mean(np.diff(found[0])) == pytest.approx(step, abs=2.0 * unit / count)
+
+
+@pytest.mark.parametrize("rate", [16.0, 30.0, 33.0, 60.0, 64.0, 200.0])
+def test_hundredths_of_a_second_hold_the_grid_of_any_rate(rate: float) -> None:
+    """At 33 Hz 99 of 100 steps print as 0.03 s."""
+    found = grid_of_coarse_stamps(np.round(12.3 + np.arange(900) / rate, 2))
+    assert found is not None and np.mean(np.diff(found[0])) == pytest.approx(1.0 / rate, rel=1e-4)
 
 
 def test_stamps_that_jitter_are_no_rounded_grid() -> None:

@@ -128,3 +128,13 @@ def test_linear_algebra_that_fails_is_one_line_on_the_record(monkeypatch: pytest
     case = case_of("rigid")
     with pytest.raises(RecordError, match=f"the linear algebra of {method} fails on it .*use another --method"):
         identify(case.record, case.vehicle, method)
+
+
+def test_filter_error_settles_where_biases_are_hardly_known(tmp_path: Path) -> None:
+    """In still air the intensity of gusts is at its bound, and steps along biases stay long while the likelihood no longer changes."""
+    flight = flown("lateral", "white", 6)
+    record, vehicle = write_flight(tmp_path, flight)
+    found = identify_files(Request((record,), "lateral", vehicle, plan=Plan(hold=Hold.PREVIOUS)), "filter-error").found.estimate
+    assert found.outcome is Outcome.CONVERGED
+    off = [(found.value(name) - true) / found.sigma(name) for name, true in flight.true.items() if name in found.names]
+    assert np.max(np.abs(off)) < 4.0

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import cast
-
 import numpy as np
 import pandas as pd
 import pytest
 
 import flightid
-from ident.estimate import Estimate
-from ident.statistics.residuals import ResidualTest
-from scenarios.identification.sigma_cautions import FILTER_ERROR, LOST_ROWS, SHORT_IN_GUSTS, lost_rows, slow_residuals
+from scenarios.identification.sigma_cautions import FILTER_ERROR, LOST_ROWS, SHORT_IN_GUSTS, lost_rows
 from scenarios.trials.coverage.independent_flights import flown
 from sim.record import Channel, Record
 
@@ -74,13 +69,9 @@ def test_one_long_gap_and_jittered_times_are_no_lost_rows() -> None:
     assert lost_rows([record]) == pytest.approx(1 / 399)
 
 
-@pytest.mark.parametrize(("also", "named"), [(False, ()), (True, ("alpha", "q"))])
-def test_slow_residuals_of_one_output_that_fails_two_tests_are_no_process_noise(*, also: bool, named: tuple[str, ...]) -> None:
-    time, rng = 0.02 * np.arange(500), np.random.default_rng(3)
-    slow = np.convolve(rng.standard_normal(600), np.ones(40) / 40)[:500]
-    white = rng.standard_normal(500)
-    series = {"alpha": slow, "q": slow if also else white}
-    record = Record(time, (), tuple(Channel.of(name, "rad", values) for name, values in series.items()))
-    estimate = SimpleNamespace(method="output-error", output_names=("alpha", "q"), fitted=(np.zeros((2, 500)),))
-    tests = [ResidualTest(kind, channel, 1.0, 1e-9, "") for channel in series for kind in ("whiteness", "size")]
-    assert slow_residuals([record], cast(Estimate, estimate), tests) == named
+@pytest.mark.parametrize(("noise", "proposed"), [("markov-gusts", True), ("dryden-gusts", True), ("ar1", False), ("white", False)])
+def test_filter_error_is_proposed_in_gusts_and_not_for_coloured_noise_of_each_sensor(noise: str, *, proposed: bool) -> None:
+    flight = flown("rigid", noise, 1)
+    vehicle = {**flight.vehicle, "derivatives": dict(flight.start)}
+    found = flightid.identify(pd.DataFrame(flight.columns), "rigid", vehicle, hold="previous")
+    assert any("--method filter-error" in note for note in found.details.found.notes) == proposed
