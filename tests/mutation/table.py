@@ -670,7 +670,7 @@ RECORDS = (
     *changes(
         "scenarios/identification/sigma_cautions.py",
         ("tests/unit/scenarios/identification/test_sigma_cautions.py",),
-        ("several = tuple(dict.fromkeys(slow))", "several = tuple(slow)"),
+        ("return tuple(dict.fromkeys(failed))", "return tuple(failed)"),
     ),
     *changes(
         "scenarios/files/formats/text.py",

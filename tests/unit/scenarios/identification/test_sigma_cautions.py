@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pandas as pd
 import pytest
 
 import flightid
-from scenarios.identification.sigma_cautions import FILTER_ERROR, LOST_ROWS, SHORT_IN_GUSTS, lost_rows
+from ident.estimate import Estimate
+from ident.statistics.residuals import ResidualTest
+from scenarios.identification import sigma_cautions
+from scenarios.identification.sigma_cautions import FILTER_ERROR, LOST_ROWS, SHORT_IN_GUSTS, disturbed_outputs, lost_rows
 from scenarios.trials.coverage.independent_flights import flown
 from sim.record import Channel, Record
 
@@ -75,3 +81,10 @@ def test_filter_error_is_proposed_in_gusts_and_not_for_coloured_noise_of_each_se
     vehicle = {**flight.vehicle, "derivatives": dict(flight.start)}
     found = flightid.identify(pd.DataFrame(flight.columns), "rigid", vehicle, hold="previous")
     assert any("--method filter-error" in note for note in found.details.found.notes) == proposed
+
+
+def test_an_output_that_fails_two_tests_is_named_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sigma_cautions, "_moved_together", lambda records, estimate: True)
+    estimate = cast(Estimate, SimpleNamespace(method="output-error", output_names=("alpha", "q")))
+    tests = [ResidualTest(kind, name, 1.0, 1e-9, "") for name in ("alpha", "q") for kind in ("whiteness", "size")]
+    assert disturbed_outputs([], estimate, tests) == ("alpha", "q")
