@@ -163,7 +163,10 @@ WRONG: list[tuple[Callable[[], object], str]] = [
     (lambda: fid.run("rigid", set="flight.rate"), "--set: 'flight.rate' is not key=value"),
     (lambda: fid.simulate("rigit"), "flightid: there is no scenario 'rigit'; did you mean 'rigid'?"),
     (lambda: fid.campaign("rigid", 1), "runs: 1 runs"),
-    (lambda: fid.campaign("false-alarms", 9), "campaign: false-alarms is a campaign of the tracing loop"),
+    (
+        lambda: fid.campaign("false-alarms", 9),
+        "flightid: false-alarms examines the tracing loop; in a checkout of the source: python -m exam false-alarms",
+    ),
     (lambda: fid.identify([], "rigid"), "records: no record is given"),
     (lambda: fid.identify("r.csv", "rigid", 3), "vehicle: a int is no vehicle"),  # type: ignore[arg-type]
     (lambda: fid.identify({"time": [0.0, 1.0]}, "rigid", {}, channels=3), "channels: a int is no channel map"),  # type: ignore[arg-type]

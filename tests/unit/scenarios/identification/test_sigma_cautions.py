@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 import flightid
+from exam.coverage.independent_flights import flown
 from scenarios.identification.sigma_cautions import FILTER_ERROR, LOST_ROWS, SHORT_IN_GUSTS, lost_rows
-from scenarios.trials.coverage.independent_flights import flown
 from sim.record import Channel, Record
 
 
