@@ -24,12 +24,11 @@ UNUSED = ("aileron", "roll_rate", "engine_speed", "fuel")  # beside elevator, al
 
 def fly_flight(folder: Path) -> tuple[list[Path], Path, Path]:
     """Records to fit, record held out and vehicle file of a surrogate flight for a measured flight."""
+    from exam.surrogates.catalogue import load_surrogate
     from exam.surrogates.flights.flight import fly_surrogate, write_flight
-    from exam.surrogates.schema import surrogate_of
-    from scenarios.studies.catalogue import load_document
 
     folder.mkdir()
-    paths, vehicle = write_flight(fly_surrogate(surrogate_of(*load_document("surrogate-one", CHANGES)), SEED), folder)
+    paths, vehicle = write_flight(fly_surrogate(load_surrogate("surrogate-one", CHANGES), SEED), folder)
     for path in paths:
         add_channels(path)
     return paths[:-1], paths[-1], vehicle

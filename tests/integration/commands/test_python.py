@@ -165,7 +165,7 @@ WRONG: list[tuple[Callable[[], object], str]] = [
     (lambda: fid.campaign("rigid", 1), "runs: 1 runs"),
     (
         lambda: fid.campaign("false-alarms", 9),
-        "flightid: false-alarms examines the tracing loop; in a checkout of the source: python -m exam false-alarms",
+        "false-alarms examines the tracing loop; in a checkout of the source: python -m exam",
     ),
     (lambda: fid.identify([], "rigid"), "records: no record is given"),
     (lambda: fid.identify("r.csv", "rigid", 3), "vehicle: a int is no vehicle"),  # type: ignore[arg-type]

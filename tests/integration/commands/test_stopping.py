@@ -101,7 +101,7 @@ def test_a_campaign_keeps_the_table_of_the_flights_that_had_ended(tmp_path: Path
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="signals of a terminal")
 def test_a_campaign_of_an_estimator_keeps_the_runs_that_had_ended(tmp_path: Path) -> None:
     words = ("campaign", "ballistic", "--runs", "9", "--seed", "1", "--jobs", "1", "--out", "kept")
-    code, out, err = stopped(ESTIMATOR, tmp_path, *words)
+    code, _, err = stopped(ESTIMATOR, tmp_path, *words)
     kept = "the table of the 2 of 9 runs that had ended is in kept; the same command with --resume goes on"
     assert (code, err) == (130, f"flightid: stopped; {kept}\n")
     content = json.loads((tmp_path / "kept" / "campaign.json").read_text())

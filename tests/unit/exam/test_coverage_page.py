@@ -13,7 +13,7 @@ from exam.coverage.page import judged, page_of
 from exam.coverage.plan import RUNS
 from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_names
 
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[3]
 NUMBERS = ROOT / PAGE.with_suffix(".json")
 
 

@@ -25,7 +25,7 @@ from exam.coverage.estimators import (
 )
 from scenarios.identification.sigma_cautions import SHORT_IN_GUSTS
 
-PAGE = Path(__file__).parents[4] / "docs" / "estimators.md"
+PAGE = Path(__file__).parents[3] / "docs" / "estimators.md"
 
 
 def rows_with(errors: np.ndarray, **more: Any) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Records of a lateral surrogate flight: what differs from record to record, flown, filtered, sampled; one by one, or those of many flights together."""
+"""Flights of a drawn aircraft in the lateral axis: flown with all small causes, filtered, sampled; one by one, or those of many flights together."""
 
 from __future__ import annotations
 

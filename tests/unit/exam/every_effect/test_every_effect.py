@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from exam.__main__ import main
 from exam.every_effect import work
 from exam.every_effect.campaign import COLUMNS, cells_of
 from exam.every_effect.carriers import drawn_carrier
@@ -19,10 +20,8 @@ from exam.every_effect.work import EveryEffect, scored_flight_of
 from exam.repeated import fly_all
 from exam.scores.scored_flight import Outcome, Standing
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.cli import main
 from scenarios.tasks.manner import Manner
 from tests.diagnoses import tracing_of
-from tests.integration.command_line import CommandLine
 
 
 def test_rows_do_not_depend_on_how_many_there_are_and_are_read_as_they_were_written(tmp_path: Path) -> None:
@@ -90,20 +89,19 @@ def test_numbers_are_held_against_the_truth_in_their_sigmas() -> None:
 def test_the_command_writes_a_row_a_flight_and_flies_one_of_them_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    flightid = CommandLine(capsys)
     falls = (Instance("ballistic", "density-scale-height"),)
     monkeypatch.setattr(work, "chosen", lambda asked: {"density-scale-height": falls})
-    named = ["campaign", "every-effect", "--effects", "density-scale-height", "--seed", "3"]
-    said = flightid.done(*named, "--runs", 2, "--jobs", 1, "--quiet", "--out", tmp_path / "c")
-    assert said == ""
+    named = ["every-effect", "--effects", "density-scale-height", "--seed", "3"]
+    assert main([*named, "--runs", "2", "--jobs", "1", "--out", str(tmp_path / "c")]) == 0
+    assert "every-effect: 2 flights, seeds from 3" in capsys.readouterr().out
     rows = [*csv.DictReader((tmp_path / "c" / "flights.csv").read_text().splitlines())]
     content = json.loads((tmp_path / "c" / "campaign.json").read_text())
     assert (content["runs"], content["flights"], content["seed"]) == (2, 2, 3) and content["marks"]["rates"]["density-scale-height"]["right"][
         "count"
     ] == 2
     assert (tmp_path / "c" / "report.html").is_file() and [row["right"] for row in rows] == ["True", "True"]
-    text = flightid.done(*named, "--only", 1, "--out", tmp_path / "one", "--no-figures")
-    assert "flight 1: planted was density-scale-height (change" in text
+    assert main([*named, "--only", "1", "--out", str(tmp_path / "one"), "--no-figures"]) == 0
+    assert "flight 1: hidden was density-scale-height (change" in capsys.readouterr().out
     truth = json.loads((tmp_path / "one" / "truth.json").read_text())
     assert truth["seed"] == int(rows[1]["seed"]) and truth["hidden"]["density-scale-height"] == json.loads(rows[1]["values"])
     found = json.loads((tmp_path / "one" / "diagnosis.json").read_text())
@@ -111,19 +109,3 @@ def test_the_command_writes_a_row_a_flight_and_flies_one_of_them_again(
     change, true = claim["parameters"]["change"], truth["hidden"]["density-scale-height"]["change"]
     assert (change["value"] - true) / change["std"] == pytest.approx(float(rows[1]["error_sigmas"]), rel=1e-6)
     assert (tmp_path / "one" / "train.csv").is_file() and (tmp_path / "one" / "vehicle.toml").is_file()
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        ("campaign every-effect", "--runs: no number of runs is given; give two or more"),
-        ("campaign every-effect --effects vanes --runs 2", "--effects: there is no effect 'vanes'"),
-        ("campaign trace-vane --effects vane-offset --runs 2", "--effects: this is of every-effect alone; leave it out"),
-        ("campaign trace-vane --only 2", "--only: this is of every-effect alone; leave it out"),
-        ("campaign every-effect --runs 2 --set flight.rate=50", "--set: nothing of every-effect can be changed; leave it out"),
-    ],
-)
-def test_what_cannot_be_is_refused_in_one_line(words: str, told: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(words.split())
-    assert ended.value.code == 2 and told in capsys.readouterr().err

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from exam.hidden_terms.library import every_term
 from exam.random_cases.vehicles import drawn_vehicle
-from scenarios.trials.planted.hiding import own_terms
 from sim.declaration.effect import Station, full_name
 from sim.declaration.model import Model, Noise
 from sim.effects.library import applies
@@ -20,7 +20,7 @@ from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import model_of
 from sim.vehicles.library import read_parameter_set
 
-TERMS = own_terms()
+TERMS = every_term()
 MODELS: dict[str, Model] = {name: drawn_vehicle(name, np.random.default_rng(2))[1] for name in ("rigid", "loes", "ballistic")}
 MODELS["longitudinal"] = model_of(read_parameter_set("navion_longitudinal"))
 DYNAMIC = [name for name, term in TERMS.items() if hasattr(term, "increments")]

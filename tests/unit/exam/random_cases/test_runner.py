@@ -33,7 +33,7 @@ def lines(folder: Path) -> list[dict]:
     return without_time((folder / "cases.jsonl").read_text())
 
 
-def scored(seed: int) -> CaseScore:
+def scored(seed: int, group: str = "") -> CaseScore:
     case = Case(seed, "trainer", ("vane-offset",), frozenset({"vane-offset"}), False, ("alpha", "q"), 50.0, "rigid", "one effect")
     return CaseScore(case, "traced", ("vane-offset",), True, False, {"Cm_q": 0.1 * seed}, 1.25, 3.0, ((Named("vane-offset", True),),))
 

@@ -191,7 +191,7 @@ def test_the_terminal_the_page_and_the_files_say_the_same(tmp_path: Path) -> Non
     assert scores_sections(Scores([flight("", outcome=Outcome.NOTHING)], ["nothing"])) and not drawn_scores(scores, "x", tmp_path, ())
 
 
-@pytest.mark.parametrize("marks", [many(5, 40), Scores([flight("vane-offset", "vane-offset", errors=(0.3,))] * 2, ["vane-offset"] * 2)])
+@pytest.mark.parametrize("scores", [many(5, 40), Scores([flight("vane-offset", "vane-offset", errors=(0.3,))] * 2, ["vane-offset"] * 2)])
 def test_figures_keep_the_laws_of_figures(scores: Scores) -> None:
     for stem, make in scores_figures(scores, "every-effect"):
         assert broken_laws(make()) == [], stem

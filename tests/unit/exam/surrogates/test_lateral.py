@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from exam.surrogates.catalogue import load_surrogate, surrogate_names
 from exam.surrogates.declaration import LATERAL, Causes, FlightLine, Hidden, Surrogate
 from exam.surrogates.flights.dominant import draw_dominant
 from exam.surrogates.flights.drawing import Dominant, Drawn, hiding
@@ -18,9 +19,7 @@ from exam.surrogates.flights.lateral.drawing import draw_lateral, dutch_roll
 from exam.surrogates.flights.lateral.kinds import LATERAL_KINDS
 from exam.surrogates.flights.lateral.maneuvers import PAIRS
 from exam.surrogates.pseudo_true import pseudo_true
-from exam.surrogates.schema import surrogate_of
 from exam.surrogates.study import acts
-from scenarios.studies.catalogue import load_document, scenario_names
 from sim.declaration.effect import Station
 from sim.effects.library import effects_for, find_effect
 from sim.errors import DeclarationError
@@ -136,9 +135,9 @@ def test_nothing_is_hidden_that_is_not_asked_for_or_is_of_the_other_axis() -> No
         draw_dominant(draw_lateral(short(CALM, Hidden(1, ("input-delay",))), np.random.default_rng(5)), np.random.default_rng(1))
 
 
-@pytest.mark.parametrize("name", [name for name in scenario_names("surrogate") if "lateral" in name])
+@pytest.mark.parametrize("name", [name for name in surrogate_names() if "lateral" in name])
 def test_the_catalogue(name: str) -> None:
-    surrogate, other = surrogate_of(*load_document(name)), surrogate_of(*load_document("surrogate-lateral"))
+    surrogate, other = load_surrogate(name), load_surrogate("surrogate-lateral")
     assert surrogate.flight.axis == LATERAL and surrogate.causes == other.causes and set(surrogate.causes.noise_std) == set(MEASURED)
     assert (surrogate.hidden.count == 0) == name.endswith("none") and set(surrogate.hidden.names) <= set(LATERAL_KINDS)
 
@@ -182,4 +181,4 @@ def test_pseudo_true_values_are_the_nominal_ones_without_small_causes_and_not_wi
 )
 def test_what_is_wrong_is_named(change: str, message: str) -> None:
     with pytest.raises(DeclarationError, match=message):
-        surrogate_of(*load_document("surrogate-lateral", [change]))
+        load_surrogate("surrogate-lateral", [change])

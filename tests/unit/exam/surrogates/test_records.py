@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from exam.surrogates.catalogue import load_surrogate, surrogate_names
 from exam.surrogates.declaration import MEASURED, OPTIONAL, Causes, Hidden
 from exam.surrogates.fitting import declared_model, left_over, misfit
 from exam.surrogates.flights.dominant import LEAST, group, sized
@@ -16,8 +17,6 @@ from exam.surrogates.flights.drawing import Dominant, Drawn, draw, hiding
 from exam.surrogates.flights.flight import fly_surrogate, write_flight
 from exam.surrogates.flights.flying import fly_drawn
 from exam.surrogates.flights.kinds import KINDS
-from exam.surrogates.schema import surrogate_of
-from scenarios.studies.catalogue import load_document, scenario_names
 from sim.declaration.effect import Station
 from sim.effects.library import effect_names, find_effect
 from sim.errors import DeclarationError
@@ -27,7 +26,7 @@ from sim.truth.flight import fly, sample_times
 from tests.surrogates import ALL_CHANNELS, CALM, EVERY, short
 
 LATERAL = ("surrogate-lateral", "surrogate-lateral-none")
-NAMES = tuple(name for name in scenario_names("surrogate") if name not in LATERAL)
+NAMES = tuple(name for name in surrogate_names() if name not in LATERAL)
 
 
 def drawn(causes: Causes = CALM, **changes: Any) -> Drawn:
@@ -107,8 +106,9 @@ def test_each_level_shows_by_itself(name: str) -> None:
 
 def test_what_is_left_resembles_a_measured_flight() -> None:
     """Residuals that remember, and scatter several times what white residuals promise: as flight data show, and white noise does not."""
-    surrogate = surrogate_of(
-        *load_document("surrogate-none", ("flight.records=[4,4]", "flight.step=0.02", "flight.rates=[25]", "flight.vehicles=['fighter']"))
+    surrogate = load_surrogate(
+        "surrogate-none",
+        ("flight.records=[4,4]", "flight.step=0.02", "flight.rates=[25]", "flight.vehicles=['fighter']"),
     )
     flight = fly_surrogate(surrogate, 3)
     rest = left_over(flight.records, declared_model(flight.drawn.declared, flight.drawn.starts), surrogate.causes.noise_std)
@@ -172,13 +172,13 @@ def test_more_effects_than_make_a_difference_are_refused() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_catalogue(name: str) -> None:
-    surrogate = surrogate_of(*load_document(name))
+    surrogate = load_surrogate(name)
     assert surrogate.title and surrogate.about and set(surrogate.hidden.names) <= set(KINDS)
     assert (surrogate.hidden.count == 0) == (name == "surrogate-none")
     assert set(surrogate.causes.noise_std) == set(ALL_CHANNELS)
     assert surrogate.flight.step < 0.01  # finer than the loop's
     # One level for all of them: what differs is what dominates.
-    assert surrogate.causes == surrogate_of(*load_document(NAMES[0])).causes
+    assert surrogate.causes == load_surrogate(NAMES[0]).causes
 
 
 def test_the_files_hold_no_truth(tmp_path: Path) -> None:

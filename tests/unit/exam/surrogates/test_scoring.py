@@ -18,17 +18,17 @@ from exam.scoring import Share, share_of_flights, share_within_flights
 from exam.surrogates import campaign, schema, study
 from exam.surrogates.campaign import Judged, by_derivative, by_effect, shares, surrogate_flights, worsened
 from exam.surrogates.campaign_text import campaign_text
+from exam.surrogates.catalogue import CATALOG, load_surrogate
 from exam.surrogates.declaration import Causes
 from exam.surrogates.flights.drawing import Dominant, draw, hiding
 from exam.surrogates.flights.flight import Flight
 from exam.surrogates.flights.flying import fly_drawn
 from exam.surrogates.page import campaign_page
-from exam.surrogates.schema import surrogate_of
 from exam.surrogates.study import Naming, SurrogateStudy, acts, naming, scored
 from exam.surrogates.text import surrogate_text
 from ident.tracing.diagnosis import Claim, Prediction, Quantity, Verdict
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.studies.catalogue import load_document, load_scenario
+from scenarios.studies.catalogue import scenario_kind
 from scenarios.tasks.manner import Manner
 from scenarios.tasks.work import seed_of
 from sim.effects.library import find_effect
@@ -209,20 +209,22 @@ def test_without_draws_there_are_no_pseudo_true_values(monkeypatch: pytest.Monke
 )
 def test_what_a_declaration_refuses(change: str, what: str | None) -> None:
     if what is None:
-        assert surrogate_of(*load_document("surrogate-one", (change,))).hidden.count == 3
+        assert load_surrogate("surrogate-one", (change,)).hidden.count == 3
         return
     with pytest.raises(DeclarationError, match=what):
-        surrogate_of(*load_document("surrogate-one", (change,)))
+        load_surrogate("surrogate-one", (change,))
 
 
 def test_more_hidden_than_names_are_refused() -> None:
     with pytest.raises(DeclarationError, match="2 of 1 names"):
-        surrogate_of(*load_document("surrogate-one", ("hidden.count=2", "hidden.names=['input-delay']")))
+        load_surrogate("surrogate-one", ("hidden.count=2", "hidden.names=['input-delay']"))
 
 
-def test_it_is_no_scenario_for_identification() -> None:
-    with pytest.raises(DeclarationError, match="kind 'surrogate'"):
-        load_scenario("surrogate-one")
+def test_a_file_of_an_earlier_version_leads_here(tmp_path: Path) -> None:
+    text = (CATALOG / "surrogate-one.toml").read_text()
+    (tmp_path / "mine.toml").write_text(text.replace('kind = "surrogate"', 'kind = "standin"'))
+    with pytest.raises(DeclarationError, match=r"kind 'standin' examines the tracing loop; .* python -m exam surrogate "):
+        scenario_kind(str(tmp_path / "mine.toml"))
 
 
 def test_every_level_can_be_declared() -> None:
@@ -230,7 +232,7 @@ def test_every_level_can_be_declared() -> None:
 
 
 SECTIONS: dict[str, type[BaseModel]] = {
-    "surrogate flights": schema._Surrogate,
+    "What a file declares": schema._Surrogate,
     "`[flight]` of a surrogate flight": schema._Flight,
     "`[causes]`": schema._Causes,
     "`[hidden]` of a surrogate flight": schema._Hidden,
@@ -240,7 +242,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
 
 @pytest.mark.parametrize("title", SECTIONS)
 def test_keys_and_defaults_are_documented(title: str) -> None:
-    text = (Path(__file__).parents[5] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    text = (CATALOG.parent / "README.md").read_text(encoding="utf-8")
     section = text.split(f"\n## {title}\n")[1].split("\n## ")[0]
     rows = [line.strip("|").split("|") for line in section.splitlines() if line.startswith("| `")]
     documented = {key.strip().strip("`"): default.strip() for key, default, *_ in rows}

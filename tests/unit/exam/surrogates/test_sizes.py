@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from exam.surrogates.catalogue import load_surrogate
 from exam.surrogates.declaration import MEASURED, OPTIONAL, Hidden, Surrogate
 from exam.surrogates.flights import flight
 from exam.surrogates.flights.dominant import LEAST, draw_dominant, group
@@ -18,8 +19,6 @@ from exam.surrogates.flights.kinds import KINDS
 from exam.surrogates.flights.level import level_elevator, steered
 from exam.surrogates.flights.maneuvers import maneuver
 from exam.surrogates.flights.sizes import SIZES, values_at
-from exam.surrogates.schema import surrogate_of
-from scenarios.studies.catalogue import load_document
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError
 from sim.record import Record
@@ -59,7 +58,7 @@ def size_of(drawn: Drawn) -> float:
 @pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in DEAR else ()) for name in DECLARED])
 def test_the_catalogue_declares_what_it_says_and_draws_within(name: str) -> None:
     effect, low, high = DECLARED[name]
-    surrogate = surrogate_of(*load_document(name, SMALLER))
+    surrogate = load_surrogate(name, SMALLER)
     assert surrogate.hidden.count == 1 and surrogate.hidden.names == (effect,)
     assert surrogate.hidden.sizes == {effect: pytest.approx((low, high))}
     drawn = [draw_dominant(draw(surrogate, np.random.default_rng(seed)), np.random.default_rng(seed)) for seed in range(4)]
@@ -143,7 +142,7 @@ def test_a_step_is_held_for_most_of_the_record(seed: int) -> None:
 
 
 def test_the_steps_flight_flies_nothing_else_and_hides_what_surrogate_one_hides() -> None:
-    surrogate, one = (surrogate_of(*load_document(name)) for name in ("surrogate-steps", "surrogate-one"))
+    surrogate, one = (load_surrogate(name) for name in ("surrogate-steps", "surrogate-one"))
     assert surrogate.flight.maneuvers == ("step",) and surrogate.hidden == one.hidden
     assert set(draw(surrogate, np.random.default_rng(1)).kinds) == {"step"}
     assert "step" not in one.flight.maneuvers
@@ -151,7 +150,7 @@ def test_the_steps_flight_flies_nothing_else_and_hides_what_surrogate_one_hides(
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_step_flight_has_one_record_that_is_a_held_step_and_else_what_surrogate_one_flies(seed: int) -> None:
-    surrogate, one = (surrogate_of(*load_document(name)) for name in ("surrogate-step", "surrogate-one"))
+    surrogate, one = (load_surrogate(name) for name in ("surrogate-step", "surrogate-one"))
     assert surrogate.hidden == one.hidden and surrogate.causes == one.causes and surrogate.flight.maneuvers == one.flight.maneuvers
     kinds, others = (draw(each, np.random.default_rng(seed)).kinds for each in (surrogate, one))
     assert kinds.count("held") == 1 and "held" not in others
@@ -172,7 +171,7 @@ def test_what_is_not_recorded_is_not_told_and_moves_no_other_draw() -> None:
     assert silent.channels == (*MEASURED, "theta", "ax")
     first, second = flown(plain), flown(silent)
     assert all(np.array_equal(first[name].values, second[name].values) for name in silent.channels)
-    surrogate = surrogate_of(*load_document("surrogate-deceleration"))
+    surrogate = load_surrogate("surrogate-deceleration")
     assert all(not {"airspeed", "dynamic_pressure"} & set(draw(surrogate, np.random.default_rng(seed)).channels) for seed in range(8))
 
 
@@ -224,8 +223,8 @@ def test_an_aircraft_on_which_no_declared_size_shows_is_drawn_anew(sizes: dict[s
 )
 def test_what_a_declaration_refuses(name: str, change: str, what: str) -> None:
     with pytest.raises(DeclarationError, match=what):
-        surrogate_of(*load_document(name, (change,)))
+        load_surrogate(name, (change,))
 
 
 def test_further_channels_are_the_optional_ones() -> None:
-    assert set(surrogate_of(*load_document("surrogate-deceleration")).flight.unrecorded) < set(OPTIONAL)
+    assert set(load_surrogate("surrogate-deceleration").flight.unrecorded) < set(OPTIONAL)
