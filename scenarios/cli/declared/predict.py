@@ -13,7 +13,7 @@ from scenarios.preparation.plan import plan_of
 
 
 def predict(
-    study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder that identify, diagnose or a run of trace-* or standin-* wrote.")],
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder that identify, diagnose or a run of trace-* wrote.")],
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="CSV, Parquet or MAT file of the same vehicle.")],
     channels: Channels = None,
     start: From = None,
