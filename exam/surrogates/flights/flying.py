@@ -13,6 +13,7 @@ from exam.surrogates.flights.drawing import ELEVATOR, SPEED, Dominant, Drawn, wi
 from exam.surrogates.flights.lateral.flying import fly_lateral, fly_lateral_draws
 from exam.surrogates.flights.level import speed_rate, steered
 from exam.surrogates.flights.maneuvers import CELL, Table
+from exam.surrogates.flights.many_flights import fly_side_by_side
 from exam.surrogates.flights.recorder import recorded
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
@@ -20,7 +21,6 @@ from sim.maneuvers.steps import Maneuver
 from sim.propagation.integrate import rk4_step
 from sim.record import Channel, Hold, Record
 from sim.truth.flight import fly, sample_times
-from sim.truth.many_flights import fly_side_by_side
 from sim.truth.measurement import Measurement
 from sim.truth.noise import dryden_gust, white_noise
 

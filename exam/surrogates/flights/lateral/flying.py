@@ -10,6 +10,7 @@ import numpy as np
 from exam.surrogates.flights.drawing import SPEED, Drawn, with_term
 from exam.surrogates.flights.level import speed_rate
 from exam.surrogates.flights.maneuvers import CELL, Table
+from exam.surrogates.flights.many_flights import fly_side_by_side
 from exam.surrogates.flights.recorder import recorded
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
@@ -17,7 +18,6 @@ from sim.maneuvers.steps import Maneuver
 from sim.propagation.integrate import rk4_step
 from sim.record import Channel, Hold, Record
 from sim.truth.flight import fly, sample_times
-from sim.truth.many_flights import fly_side_by_side
 from sim.truth.measurement import Measurement
 from sim.truth.noise import dryden_gust, white_noise
 

@@ -11,6 +11,7 @@ from exam.surrogates.declaration import MEASURED, Causes
 from exam.surrogates.fitting import declared_model, estimated, fitted
 from exam.surrogates.flights.drawing import SPEED, Dominant, Drawn, draw, hiding
 from exam.surrogates.flights.flying import fly_drawn, fly_draws
+from exam.surrogates.flights.many_flights import fly_side_by_side
 from exam.surrogates.joint_fit import fit_together
 from exam.surrogates.pseudo_true import has_limit, pseudo_true
 from scenarios.preparation.airspeed import with_flow
@@ -22,7 +23,6 @@ from sim.errors import ModelError
 from sim.maneuvers.steps import doublet
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
-from sim.truth.many_flights import fly_side_by_side
 from tests.surrogates import ALL_CHANNELS, CALM, EVERY, short
 
 HIDDEN = {

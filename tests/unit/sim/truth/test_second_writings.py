@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from exam.surrogates.flights.many_flights import fly_side_by_side
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Noise
 from sim.effects.sensor_path.sensor_lag import SensorLag
@@ -15,7 +16,6 @@ from sim.maneuvers.steps import three_two_one_one
 from sim.propagation.grid import make_grid
 from sim.propagation.integrate import euler_step
 from sim.truth.flight import fly, refuse_divergence, sample_times
-from sim.truth.many_flights import fly_side_by_side
 from sim.truth.measurement import Measurement, measure
 from sim.vehicles.factory import ballistic_model, rigid_model
 from sim.vehicles.library import read_parameter_set
