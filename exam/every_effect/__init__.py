@@ -1,1 +1,1 @@
-"""Every effect of the library planted in flights of its vehicles: how often the loop names it."""
+"""Every effect of the library hidden in flights of its vehicles: how often the loop names it."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from exam.every_effect.page import every_effect_page
-from exam.every_effect.work import PlantedFlight
+from exam.every_effect.work import HiddenEffectFlight
 from exam.repeated import Flown
 from exam.scores.content import score_cells, scores_content
 from exam.scores.page import drawn_scores
@@ -31,7 +31,7 @@ COLUMNS = (
 )
 
 
-def scores_of(flights: Sequence[PlantedFlight]) -> Scores:
+def scores_of(flights: Sequence[HiddenEffectFlight]) -> Scores:
     """The flights with what each was flown for."""
     return Scores([each.marked for each in flights], [each.effect for each in flights], by_kind=True)
 
@@ -42,10 +42,10 @@ def every_effect_text(done: Flown, width: int = WIDTH) -> str:
     return "\n\n".join("\n".join(block) for block in blocks) + "\n"
 
 
-def cells_of(flight: PlantedFlight) -> dict[str, Any]:
+def cells_of(flight: HiddenEffectFlight) -> dict[str, Any]:
     """A flight as one row of ``COLUMNS``; None where there is no such thing."""
     cells = {
-        **{"number": flight.number, "seed": flight.seed, "effect": flight.effect, "planted": flight.planted, "vehicle": flight.vehicle},
+        **{"number": flight.number, "seed": flight.seed, "effect": flight.effect, "planted": flight.hidden, "vehicle": flight.vehicle},
         **{"model": flight.model, "size_sigmas": flight.size, "values": json.dumps(dict(flight.values)), **score_cells(flight.marked)},
     }
     return {name: cells[name] for name in COLUMNS}

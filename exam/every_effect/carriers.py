@@ -1,4 +1,4 @@
-"""What carries a planted effect: a vehicle with the plan of its two records, and the file that tells the loop of it."""
+"""What carries a hidden effect: a vehicle with the plan of its two records, and the file that tells the loop of it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Plan:
         return float(self.time[1] - self.time[0])
 
 
-Planted = tuple[tuple[Effect, Mapping[str, float]], ...]
+HiddenEffects = tuple[tuple[Effect, Mapping[str, float]], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +62,10 @@ class Carrier:
     free: tuple[str, ...]
     vehicle_file: str
 
-    def flown(self, plan: Plan, planted: Planted, rng: np.random.Generator, *, step: float = STEP) -> Record:
+    def flown(self, plan: Plan, hidden: HiddenEffects, rng: np.random.Generator, *, step: float = STEP) -> Record:
         """One record without measurement noise; ``rng`` for what is random in an effect."""
         true = plan.model
-        for effect, values in planted:
+        for effect, values in hidden:
             true = true.with_effects(effect).with_values({full_name(effect, local): value for local, value in values.items()})
         return fly(true, plan.inputs, plan.time, rng, step=min(step, plan.interval), outputs=tuple(self.noise))[0]
 

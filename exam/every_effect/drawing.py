@@ -1,4 +1,4 @@
-"""How the values of a planted effect are drawn: where it acts at random, how strong it is by one amount."""
+"""How the values of a hidden effect are drawn: where it acts at random, how strong it is by one amount."""
 
 from __future__ import annotations
 

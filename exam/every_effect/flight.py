@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from exam.every_effect.carriers import Carrier, Planted, drawn_carrier
+from exam.every_effect.carriers import Carrier, HiddenEffects, drawn_carrier
 from exam.every_effect.drawing import begun, drawn
 from exam.every_effect.kinds import Instance, effect_of
 from exam.every_effect.sizing import Scale, amount_for
@@ -38,7 +38,7 @@ class Flown:
     validate: Record
 
 
-def fly_planted(instances: Sequence[Instance], turn: int, seed: int) -> Flown:
+def fly_hidden(instances: Sequence[Instance], turn: int, seed: int) -> Flown:
     """The flight of a seed with one of some ``instances`` in it: that whose ``turn`` it is, or one drawn at random where that cannot be seen.
 
     Sizes are even in the logarithm from ``WEAKEST`` to ``STRONGEST``. What stays too small at its largest plausible size is flown nevertheless.
@@ -59,9 +59,9 @@ def fly_planted(instances: Sequence[Instance], turn: int, seed: int) -> Flown:
         instance = instances[int(rng.integers(len(instances)))]
     assert best is not None
     carrier, effect, values, size = best
-    planted: Planted = () if effect is None else ((effect, values),)
-    again: Planted = () if effect is None else ((effect, _elsewhere(effect, values, carrier, rng)),)
-    train = carrier.measured(carrier.flown(carrier.train, planted, rng), rng)
+    hidden: HiddenEffects = () if effect is None else ((effect, values),)
+    again: HiddenEffects = () if effect is None else ((effect, _elsewhere(effect, values, carrier, rng)),)
+    train = carrier.measured(carrier.flown(carrier.train, hidden, rng), rng)
     validate = carrier.measured(carrier.flown(carrier.validate, again, rng), rng)
     return Flown(carrier, "" if effect is None else effect.name, values, size, train, validate)
 
@@ -88,7 +88,7 @@ def _elsewhere(effect: Traceable, values: Mapping[str, float], carrier: Carrier,
     return {**values, **({onset: begun(carrier.validate, rng)} if onset and effect.traits.per_record else {})}
 
 
-def write_planted(flown: Flown, folder: Path) -> Request:
+def write_hidden(flown: Flown, folder: Path) -> Request:
     """What the loop is given, in a folder that exists: ``train.csv`` and ``validate.csv`` with their sidecars, ``vehicle.toml``."""
     train, _ = write_record(folder, flown.train, "train", simulated=True)
     validate, _ = write_record(folder, flown.validate, "validate", simulated=True)

@@ -1,4 +1,4 @@
-"""What is planted: kinds of effects, each with its instances on the models that have it."""
+"""What is hidden: kinds of effects, each with its instances on the models that have it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def effect_of(instance: Instance) -> Traceable:
 
 @cache
 def _offered(model: str) -> Mapping[str, Traceable]:
-    """Effects that may be planted on a model's vehicles, by name. General forms are no causes, and modes that a vehicle declares no effects."""
+    """Effects that may be hidden on a model's vehicles, by name. General forms are no causes, and modes that a vehicle declares no effects."""
     offered = [effect for effect in effects_for(equations_of(model)) if isinstance(effect, Traceable) and not effect.traits.general]
     return {effect.name: effect for effect in reversed(offered) if effect.name not in UNSEEN}
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from exam.every_effect.flight import Flown, write_planted
+from exam.every_effect.flight import Flown, write_hidden
 from exam.every_effect.work import EveryEffect, scored_flight_of
 from exam.scores.scored_flight import ScoredFlight
 from scenarios.diagnosis.diagnose import diagnose_files
@@ -43,7 +43,7 @@ def fly_one(work: EveryEffect, number: int, root: int, progress: Callable[[str, 
     progress("flying", 0.0)
     flown = work.fly(task)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
-        tracing = diagnose_files(write_planted(flown, Path(folder)), progress)
+        tracing = diagnose_files(write_hidden(flown, Path(folder)), progress)
     return OneFlight(task, flown, tracing, scored_flight_of(flown, tracing))
 
 
@@ -53,7 +53,7 @@ def one_text(one: OneFlight, width: int = WIDTH) -> str:
 
 
 def truth_sentence(one: OneFlight) -> str:
-    """What was planted, and what the diagnosis is worth."""
+    """What was hidden, and what the diagnosis is worth."""
     values = ", ".join(f"{local} {value:.5g}" for local, value in one.flown.values.items())
     hidden = f"{one.flown.name} ({values}; SI), {one.flown.size:.0f} sigmas" if one.flown.name else "nothing"
     return f"flight {one.task.number}: hidden was {hidden}; the loop says {one.marked.standing.value}"
@@ -63,7 +63,7 @@ def write_one(one: OneFlight, folder: str | Path, *, figures: Formats = USUAL) -
     """Write the diagnosis, the files that the loop was given, and ``truth.json`` (last); returns the folder."""
     write_diagnosis(one.tracing, folder, figures=figures)
     with study_folder(folder, "truth.json") as scratch:
-        write_planted(one.flown, scratch)
+        write_hidden(one.flown, scratch)
         write_json(scratch / "truth.json", truth_content(one))
     return Path(folder)
 

@@ -1,4 +1,4 @@
-"""How strong a planted effect is, and the amount of it that is as strong as wanted.
+"""How strong a hidden effect is, and the amount of it that is as strong as wanted.
 
 Strength is the expected gain of the log likelihood, as in ``detection``: half the squared change that the effect makes to the outputs of the
 fitted record, in noise sigmas, as far as no change of the declared parameters, of the initial state or of biases can stand in for it.
@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from exam.every_effect.carriers import Carrier, Plan, Planted
+from exam.every_effect.carriers import Carrier, HiddenEffects, Plan
 from sim.declaration.model import Model
 from sim.errors import FlightidError
 
@@ -27,7 +27,7 @@ NEAR = 0.05  # of the wanted length, at which an amount is good
 
 
 class Scale:
-    """The strength of what is planted in the fitted record of a carrier; random effects with the same random numbers whatever their size."""
+    """The strength of what is hidden in the fitted record of a carrier; random effects with the same random numbers whatever their size."""
 
     def __init__(self, carrier: Carrier, seed: int) -> None:
         self._carrier, self._seed = carrier, seed
@@ -37,18 +37,18 @@ class Scale:
         self._base = base
         self._span = np.linalg.qr(self._columns(plan))[0]
 
-    def length(self, planted: Planted) -> float:
+    def length(self, hidden: HiddenEffects) -> float:
         """The change in sigmas that nothing declared explains, infinite where it cannot be flown; half its square is the expected gain."""
-        changed = self._whitened(self._carrier.train, planted)
+        changed = self._whitened(self._carrier.train, hidden)
         if changed is None:
             return math.inf
         change = changed - self._base
         return float(np.linalg.norm(change - self._span @ (self._span.T @ change)))
 
-    def _whitened(self, plan: Plan, planted: Planted) -> np.ndarray | None:
+    def _whitened(self, plan: Plan, hidden: HiddenEffects) -> np.ndarray | None:
         """Outputs in noise sigmas, one after the other; None where there are none, or beyond what perturbations about trim describe."""
         try:
-            record = self._carrier.flown(plan, planted, np.random.default_rng(self._seed), step=COARSE)
+            record = self._carrier.flown(plan, hidden, np.random.default_rng(self._seed), step=COARSE)
         except (FlightidError, FloatingPointError):
             return None
         angles = [record[name].values for name in ANGLES if name in self._carrier.noise]

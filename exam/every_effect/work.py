@@ -1,4 +1,4 @@
-"""Flights with one effect each as tasks: a row has what was planted, what the loop concluded, and how far its numbers are off."""
+"""Flights with one effect each as tasks: a row has what was hidden, what the loop concluded, and how far its numbers are off."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from time import process_time
 
-from exam.every_effect.flight import Flown, fly_planted, write_planted
+from exam.every_effect.flight import Flown, fly_hidden, write_hidden
 from exam.every_effect.kinds import Instance, chosen, effect_of
 from exam.scores.scored_flight import Outcome, ScoredFlight, Stated, claims_of, outcome_of, over_noise, parameter_errors, plain_name, stated_by
 from scenarios.diagnosis.diagnose import diagnose_files
@@ -30,14 +30,14 @@ COLUMNS = {
 
 
 @dataclass(frozen=True)
-class PlantedFlight:
-    """One flight of the campaign: its task's number and seed, the ``effect`` it was flown for, what was ``planted`` (empty: nothing) with local
+class HiddenEffectFlight:
+    """One flight of the campaign: its task's number and seed, the ``effect`` it was flown for, what was ``hidden`` (empty: nothing) with local
     ``values`` in SI, its ``size`` in sigmas, how it is marked, and the errors of the declared ``derivatives`` in reported sigmas."""
 
     number: int
     seed: int
     effect: str
-    planted: str
+    hidden: str
     vehicle: str
     model: str
     size: float
@@ -70,7 +70,7 @@ class EveryEffect:
 
     @cached_property
     def kinds(self) -> Mapping[str, tuple[Instance, ...]]:
-        """What is planted, by name. Raises DeclarationError for an effect that the library lacks."""
+        """What is hidden, by name. Raises DeclarationError for an effect that the library lacks."""
         return chosen(self.effects)
 
     def identity(self) -> Mapping[str, object]:
@@ -82,16 +82,16 @@ class EveryEffect:
     def fly(self, task: Task) -> Flown:
         """The flight of a task."""
         names = tuple(self.kinds)
-        return fly_planted(self.kinds[names[task.number % len(names)]], task.number // len(names), task.seed)
+        return fly_hidden(self.kinds[names[task.number % len(names)]], task.number // len(names), task.seed)
 
-    def read(self, table: Table) -> list[PlantedFlight]:
+    def read(self, table: Table) -> list[HiddenEffectFlight]:
         """Flights of a table that have a row, in order."""
         return [_read(table, at) for at in range(len(table)) if not table.columns["error"][at]]
 
     def _row(self, task: Task) -> Row:
         flown = self.fly(task)
         with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
-            request = write_planted(flown, Path(folder))
+            request = write_hidden(flown, Path(folder))
             started = process_time()
             tracing = diagnose_files(request)
             taken = process_time() - started
@@ -123,7 +123,7 @@ class EveryEffect:
 
 
 def scored_flight_of(flown: Flown, tracing: Tracing) -> ScoredFlight:
-    """A diagnosis held against what was planted."""
+    """A diagnosis held against what was hidden."""
     d, claims = tracing.diagnosis, claims_of(tracing.diagnosis)
     right = right_names(flown)
     false = tuple(claim.name for claim in claims if not right & {plain_name(name) for name in (claim.name, *claim.alternatives)})
@@ -167,18 +167,18 @@ def _comparable(flown: Flown) -> Mapping[str, float]:
     return {} if not flown.name or isinstance(effect_of(Instance(flown.carrier.model, flown.name)), Curve) else flown.values
 
 
-def _read(table: Table, at: int) -> PlantedFlight:
+def _read(table: Table, at: int) -> HiddenEffectFlight:
     def cell(name: str) -> str:
         return str(table.columns[name][at])
 
     def number(name: str) -> float:
         return float(table.columns[name][at])
 
-    planted = cell("planted")
+    hidden = cell("planted")
     stated = tuple(Stated(**each) for each in json.loads(cell("stated")))
     given, false = (tuple(filter(None, cell(column).split(" + "))) for column in ("name", "false"))
     marked = ScoredFlight(
-        (planted,) if planted else (),
+        (hidden,) if hidden else (),
         cell("verdict"),
         Outcome(cell("outcome")),
         given,
@@ -190,5 +190,5 @@ def _read(table: Table, at: int) -> PlantedFlight:
         number("held_out_after"),
     )
     sizes = number("size_sigmas"), json.loads(cell("values"))
-    own = int(table.columns["number"][at]), int(table.columns["seed"][at]), cell("effect"), planted, cell("vehicle"), cell("model")
-    return PlantedFlight(*own, *sizes, marked, json.loads(cell("derivatives")), float(table.times[TAKEN][at]))
+    own = int(table.columns["number"][at]), int(table.columns["seed"][at]), cell("effect"), hidden, cell("vehicle"), cell("model")
+    return HiddenEffectFlight(*own, *sizes, marked, json.loads(cell("derivatives")), float(table.times[TAKEN][at]))

@@ -33,7 +33,7 @@ def test_rows_do_not_depend_on_how_many_there_are_and_are_read_as_they_were_writ
     assert [cells_of(each) for each in part.found] == rows[:1] and [cells_of(each) for each in more.found] == rows
     assert all({*row} == {*COLUMNS} for row in rows)
     clean, named = whole.found
-    assert (clean.effect, clean.planted, named.effect, named.planted) == ("nothing", "", "density-scale-height", "density-scale-height")
+    assert (clean.effect, clean.hidden, named.effect, named.hidden) == ("nothing", "", "density-scale-height", "density-scale-height")
     assert clean.marked.right and clean.marked.outcome is Outcome.NOTHING
     assert named.marked.standing is Standing.RIGHT and abs(named.marked.errors["density-scale-height.change"]) < 5.0
     assert named.marked.held_out_before > 1.2 > named.marked.held_out_after > 0.8
@@ -56,7 +56,7 @@ def claimed(name: str, *others: str, verdict: Verdict = Verdict.TRACED, **values
 
 
 @pytest.mark.parametrize(
-    ("planted", "tracing", "standing"),
+    ("hidden", "tracing", "standing"),
     [
         ("vane-offset", claimed("vane-offset"), Standing.RIGHT),
         ("vane-offset", claimed("sensor-lag:q", "vane-offset", verdict=Verdict.AMBIGUOUS), Standing.AMONG),
@@ -67,15 +67,15 @@ def claimed(name: str, *others: str, verdict: Verdict = Verdict.TRACED, **values
         ("", claimed("vane-offset"), Standing.WRONG),
     ],
 )
-def test_an_answer_is_right_or_wrong_by_what_was_planted(planted: str, tracing: Any, standing: Standing) -> None:
-    marked = scored_flight_of(flown(planted), tracing)
+def test_an_answer_is_right_or_wrong_by_what_was_hidden(hidden: str, tracing: Any, standing: Standing) -> None:
+    marked = scored_flight_of(flown(hidden), tracing)
     assert marked.standing is standing and marked.right is (standing in (Standing.RIGHT, Standing.AMONG))
     assert bool(marked.false) is not marked.right
 
 
-def flown(planted: str, values: dict[str, float] | None = None) -> Any:
+def flown(hidden: str, values: dict[str, float] | None = None) -> Any:
     carrier = drawn_carrier("rigid", np.random.default_rng(1))
-    return Flown(carrier, planted, values or {}, 20.0, None, None)  # type: ignore[arg-type]
+    return Flown(carrier, hidden, values or {}, 20.0, None, None)  # type: ignore[arg-type]
 
 
 def test_numbers_are_held_against_the_truth_in_their_sigmas() -> None:

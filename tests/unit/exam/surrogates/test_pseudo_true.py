@@ -16,13 +16,15 @@ from exam.surrogates.joint_fit import fit_together
 from exam.surrogates.pseudo_true import has_limit, pseudo_true
 from scenarios.preparation.airspeed import with_flow
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model
+from sim.declaration.model import Model, Noise
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.library import find_effect
 from sim.errors import ModelError
-from sim.maneuvers.steps import doublet
+from sim.maneuvers.steps import doublet, three_two_one_one
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
+from sim.vehicles.factory import rigid_model
+from sim.vehicles.library import read_parameter_set
 from tests.surrogates import ALL_CHANNELS, CALM, EVERY, short
 
 HIDDEN = {
@@ -155,3 +157,10 @@ def test_standard_errors_are_the_scatter_of_repetitions() -> None:
         scatter = float(np.std([each.values[name] for each in found], ddof=1))
         said = float(np.sqrt(np.mean([each.std[name] ** 2 for each in found])))
         assert 0.65 < said / scatter < 1.5, (name, said / scatter)
+
+
+def test_flights_side_by_side_refuse_random_forcing_however_weak() -> None:
+    forced = rigid_model(read_parameter_set("bomber_rigid"), Noise({}, {"q": 1e-6}))
+    assert compile_model(forced).noise(compile_model(forced).parameters.values().tolist())[0][1] == 1e-6
+    with pytest.raises(ModelError, match="random forcing"):
+        fly_side_by_side(forced, {}, {"elevator": [three_two_one_one(0.1, 0.5, 1.0)]}, sample_times(50.0, 1.0))

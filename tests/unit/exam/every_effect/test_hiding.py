@@ -1,4 +1,4 @@
-"""What is planted by the campaign of every effect: kinds, values, and how strong they are."""
+"""What is hidden by the campaign of every effect: kinds, values, and how strong they are."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from exam.every_effect import flight
 from exam.every_effect.carriers import MODELS, drawn_carrier, equations_of
 from exam.every_effect.drawing import FAR, drawn
-from exam.every_effect.flight import STRONGEST, WEAKEST, fly_planted
+from exam.every_effect.flight import STRONGEST, WEAKEST, fly_hidden
 from exam.every_effect.kinds import UNSEEN, Instance, chosen, effect_of, library_kinds
 from exam.every_effect.sizing import LARGEST, Scale, amount_for
 from exam.scores.rates import NOTHING, kind_of
@@ -23,11 +23,11 @@ from sim.errors import DeclarationError
 from sim.truth.flight import fly
 
 
-def test_every_effect_that_may_be_proposed_is_planted_on_each_model_that_has_it() -> None:
-    planted = {(each.model, each.name) for kind in library_kinds().values() for each in kind if each.name}
+def test_every_effect_that_may_be_proposed_is_hidden_on_each_model_that_has_it() -> None:
+    hidden = {(each.model, each.name) for kind in library_kinds().values() for each in kind if each.name}
     for model in MODELS:
         offered = {each.name for each in effects_for(equations_of(model)) if isinstance(each, Traceable) and not each.traits.general}
-        assert {name for where, name in planted if where == model} == offered - {*UNSEEN}
+        assert {name for where, name in hidden if where == model} == offered - {*UNSEEN}
     assert {kind_of(each.name) for each in library() if isinstance(each, Traceable) and not each.traits.general} == {*library_kinds()} - {NOTHING}
     assert {each.model for each in library_kinds()[NOTHING]} == {*MODELS}
     fall = SearchContext(0.0, 30.0, 0.1, state_peak={"altitude": 6e4}, flown={"velocity": (-1800.0, -300.0)})
@@ -109,7 +109,7 @@ def test_strength_is_what_least_squares_of_the_declared_model_leaves() -> None:
 
 
 def test_a_seed_flies_the_same_twice_and_another_one_differently() -> None:
-    one, two, other = (fly_planted(library_kinds()["density-scale-height"], 0, seed) for seed in (7, 7, 8))
+    one, two, other = (fly_hidden(library_kinds()["density-scale-height"], 0, seed) for seed in (7, 7, 8))
     assert one.values == two.values != other.values and one.carrier.vehicle_file == two.carrier.vehicle_file
     assert all(a.values.tobytes() == b.values.tobytes() for a, b in zip(one.train.outputs, two.train.outputs, strict=True))
     assert 0.5 * WEAKEST < one.size < 1.1 * STRONGEST
@@ -125,11 +125,11 @@ def test_where_an_effect_cannot_be_seen_another_of_its_kind_is_flown(monkeypatch
         return *made[instance][:3], 1.0 if instance is weak else 100.0
 
     monkeypatch.setattr(flight, "_attempt", attempt)
-    assert flight.fly_planted([weak, strong], 0, STRONG).name == strong.name
+    assert flight.fly_hidden([weak, strong], 0, STRONG).name == strong.name
     assert tried[0] is weak and tried[-1] is strong and strong not in tried[:-1]
-    assert flight.fly_planted([weak], 0, STRONG).name == weak.name
+    assert flight.fly_hidden([weak], 0, STRONG).name == weak.name
 
 
-def test_nothing_is_planted_where_nothing_is_asked_for() -> None:
-    clean = fly_planted([Instance("ballistic", "")], 0, 3)
+def test_nothing_is_hidden_where_nothing_is_asked_for() -> None:
+    clean = fly_hidden([Instance("ballistic", "")], 0, 3)
     assert (clean.name, dict(clean.values), clean.size) == ("", {}, 0.0)
