@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from scenarios.api.fleets.survey import Survey, survey
     from scenarios.api.identification import Identification, identify
     from scenarios.api.libraries import effects, models, scenarios, vehicles
-    from scenarios.api.loop.campaign import CampaignOfTheLoop
     from scenarios.api.maneuvers import Maneuvers, find_maneuvers
     from scenarios.api.planning.design import Design, design
     from scenarios.api.prediction import Prediction, predict
@@ -40,7 +39,6 @@ if TYPE_CHECKING:
 # Where each name stands.
 _EXPORTS = {
     **dict.fromkeys(("Campaign", "campaign"), "campaign"),
-    "CampaignOfTheLoop": "loop.campaign",
     **dict.fromkeys(("Check", "check"), "check"),
     **dict.fromkeys(("Design", "design"), "planning.design"),
     **dict.fromkeys(("Diagnosis", "diagnose"), "diagnosis"),
@@ -59,7 +57,6 @@ _EXPORTS = {
 
 __all__ = [
     "Campaign",
-    "CampaignOfTheLoop",
     "Check",
     "Design",
     "Diagnosis",

@@ -21,8 +21,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
     ),
     "campaign": (
         ("flightid campaign rigid --runs 100", "bias, scatter and coverage over a hundred seeds"),
-        ("flightid campaign every-effect --effects drag-jump --runs 2", "each effect that is named, planted and asked for"),
-        ("flightid campaign trace-vane --runs 2 --out campaign", "how often what is hidden is found, and something false claimed"),
+        ("flightid campaign ballistic --runs 20 --out campaign", "the same into a folder, with figures and every run"),
     ),
     "map": (
         ("flightid map flight.csv", "the content of a recorder's file, and drafts of its channel map and vehicle file"),

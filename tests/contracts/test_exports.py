@@ -75,8 +75,8 @@ OF_THE_COMMAND_ALONE: dict[str, set[str]] = {
     "check": set(),
     "design": set(),
     "run": {"compare"},
-    # A flight of one's own is a scenario file in Python, and a flight to look at again is written by the command.
-    "campaign": {"model", "vehicle", "input", "noise", "duration", "rate", "only"},
+    # A flight of one's own is a scenario file in Python.
+    "campaign": {"model", "vehicle", "input", "noise", "duration", "rate"},
 }
 
 

@@ -17,7 +17,7 @@ DELAYS = ("tests/unit/ident/banks/test_delay_bank.py",)
 FREQUENCY_FIT = ("tests/unit/ident/frequency_domain/test_fit.py",)
 SETTING = ("tests/unit/scenarios/maneuver_design/test_setting.py",)
 MACHINE = ("tests/unit/scenarios/trials/jsbsim/test_machine.py",)
-TERMS = ("tests/unit/scenarios/trials/hidden/test_terms.py",)
+TERMS = ("tests/unit/exam/hidden_terms/test_terms.py",)
 
 
 def changes(file: str, tests: tuple[str, ...], *pairs: tuple[str, str]) -> tuple[Mutant, ...]:
@@ -136,7 +136,7 @@ ONCE_UNNOTICED = (
         ("POUND, INERTIA = SLUG * FOOT,", "POUND, INERTIA = SLUG / FOOT,"),
     ),
     *changes(
-        "scenarios/trials/hidden/foreign/density_layer.py",
+        "exam/hidden_terms/density_layer.py",
         TERMS,
         ("p.size * exp(-off * off)", "p.size * exp(-off)"),
         ("p.size * exp(-off * off)", "p.size * exp(off * off)"),
@@ -612,21 +612,21 @@ SCENARIOS = (
         ("1.0 - (self.scatter / self.stated) ** 2", "1.0 - self.scatter / self.stated"),
     ),
     *changes(
-        "scenarios/trials/hidden/recorder/columns.py",
-        ("tests/unit/scenarios/trials/hidden/test_recorder.py",),
+        "exam/recorder_faults/columns.py",
+        ("tests/unit/exam/recorder_faults/test_recorder.py",),
         (
             'record.time < values["begin"] + values["length"]',
             'record.time <= values["begin"] + values["length"]',
         ),
     ),
     *changes(
-        "scenarios/trials/hidden/recorder/readings.py",
-        ("tests/unit/scenarios/trials/hidden/test_recorder.py",),
+        "exam/recorder_faults/readings.py",
+        ("tests/unit/exam/recorder_faults/test_recorder.py",),
         ("np.clip(column, low + edge, high - edge)", "np.clip(column, low, high - edge)"),
     ),
     *changes(
-        "scenarios/trials/coverage/page.py",
-        ("tests/unit/scenarios/trials/test_coverage_page.py",),
+        "exam/coverage/page.py",
+        ("tests/unit/exam/test_coverage_page.py",),
         ("factor > 1.0 else", "factor < 1.0 else"),
     ),
     *changes(

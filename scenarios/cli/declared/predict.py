@@ -14,7 +14,7 @@ from scenarios.preparation.plan import plan_of
 
 
 def predict(
-    study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder that identify, diagnose or a run of trace-* or standin-* wrote.")],
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="Folder that identify, diagnose or a run of trace-* wrote.")],
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="Record of the same vehicle, from any recorder.")],
     channels: Channels = None,
     columns: Columns = None,

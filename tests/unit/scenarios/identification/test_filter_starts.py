@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from exam.coverage.estimators import write_flight
+from exam.coverage.independent_flights import flown, maneuver, motion
 from ident.estimate import Outcome
 from ident.filters.iterated_ekf import settled
 from scenarios.identification.cautions import cautions_of
@@ -19,8 +21,6 @@ from scenarios.identification.methods import LEAST_NOISE
 from scenarios.identification.result import Identification
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.request import Request
-from scenarios.trials.coverage.estimators import write_flight
-from scenarios.trials.coverage.independent_flights import flown, maneuver, motion
 from sim.errors import RecordError
 from sim.record import Hold, Record
 from tests.every_model import Case, case_of

@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 
 import flightid
+from exam.coverage.independent_flights import flown
 from ident.estimate import Estimate
 from ident.statistics.residuals import ResidualTest
 from scenarios.identification import sigma_cautions
 from scenarios.identification.sigma_cautions import FILTER_ERROR, LOST_ROWS, SHORT_IN_GUSTS, disturbed_outputs, lost_rows
-from scenarios.trials.coverage.independent_flights import flown
 from sim.record import Channel, Record
 
 
