@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
@@ -141,6 +141,22 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
         _model_for({guess.channel for guess in tried if not guess.fault}),
         bool(clockless),
     )
+
+
+def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
+    """The columns of a file that a draft of a channel map would take for channels.
+
+    Parameters
+    ----------
+    file : the file as it was read. channels : our names of the channels that are looked for.
+
+    Returns
+    -------
+    The column or expression of each channel for which one is found.
+    """
+    topics = file.topics or (Topic("", file.table),)
+    found = ((channel, _guess(channel, topics, ())) for channel in channels)
+    return {channel: str(guess.choice.column) for channel, guess in found if guess is not None}
 
 
 def map_text(draft: Draft) -> str:
