@@ -322,8 +322,8 @@ IDENT = (
         ("/ gravity * q / alpha", "/ G0 * q / alpha"),
     ),
     *changes(
-        "ident/flying_qualities/frequency_response.py",
-        ("tests/unit/ident/flying_qualities/test_frequency_response.py",),
+        "ident/frequency_response/multitaper.py",
+        ("tests/unit/ident/frequency_response/test_multitaper.py",),
         ("np.abs(between) ** 2", "np.abs(between)"),
     ),
     *changes(

@@ -43,6 +43,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "shared": "What each flight says of a shared value by itself, and the common value",
         "over": "Derivatives of all flights over the condition, with the common line and the scatter between flights",
         "flight": "The whole flight: inputs and motion, maneuvers with their numbers, trim points grey",
+        "response": "Magnitude, phase and coherence over frequency, with 95 % bands; grey: outside the usable band",
         "watched": "Parameters while the stream arrived",
     }
 )

@@ -1,0 +1,121 @@
+"""A frequency response: magnitude, phase and coherence over frequency."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
+from scenarios.plots.style import (
+    BLUE,
+    GREY,
+    LABEL_SIZE,
+    LIGHT,
+    ORANGE,
+    SKY,
+    VERMILION,
+    decades,
+    finish,
+    make_sheet,
+    y_label,
+)
+
+_MOST = 60.0  # dB and degrees of a band's half that is drawn
+
+
+class Signals(Protocol):
+    """Names of signals."""
+
+    @property
+    def inputs(self) -> Sequence[str]: ...
+    @property
+    def outputs(self) -> Sequence[str]: ...
+
+
+class Estimated(Protocol):
+    """Frequency responses of records."""
+
+    @property
+    def names(self) -> Signals: ...
+    @property
+    def found(self) -> Any: ...
+    @property
+    def direct(self) -> Any: ...
+    @property
+    def simulated(self) -> bool: ...
+    def unit(self, output: str, one: str) -> str: ...
+
+
+def figure_response(estimate: Estimated, row: int = 0, column: int = 0) -> Figure:
+    """Magnitude in dB, phase in degrees, each with its 95 % band, and coherence of one response.
+
+    The usable band is white, what is outside it grey.
+    """
+    found = estimate.found
+    output, one = estimate.names.outputs[row], estimate.names.inputs[column]
+    sheet = make_sheet([1.8, 1.5, 1.1], row_gap=0.14)
+    size, angle, likeness = sheet.panels
+    f, response, usable = found.frequency, found.response[row, column], found.usable[row, column]
+    decibel, low, high = _decibels(response, found.half_width()[row, column])
+    size.fill_between(f, low, high, color=SKY, alpha=0.45, linewidth=0.0, label="95 % band")
+    size.plot(f, decibel, color=BLUE, linewidth=1.2, label="joint" if found.joint else "estimate")
+    phase = np.degrees(found.phase()[row, column])
+    turn = np.minimum(np.degrees(found.phase_half_width()[row, column]), _MOST)
+    angle.fill_between(f, phase - turn, phase + turn, color=SKY, alpha=0.45, linewidth=0.0)
+    angle.plot(f, phase, color=BLUE, linewidth=1.2)
+    if estimate.direct is not None:
+        other = estimate.direct.response[row, column]
+        near = phase + np.degrees(np.angle(other / response))
+        style = {"color": VERMILION, "linewidth": 0.9, "linestyle": "--"}
+        size.plot(f, 20.0 * np.log10(np.maximum(np.abs(other), 1e-300)), label="direct", **style)
+        angle.plot(f, near, **style)
+    several = found.response.shape[1] > 1
+    likeness.plot(f, found.coherence[row], color=BLUE, linewidth=1.2)
+    if several:
+        partial = found.partial_coherence[row, column]
+        likeness.plot(f, partial, color=ORANGE, linewidth=1.1, label="partial coherence")
+    least = found.spectra.least_coherence
+    likeness.axhline(least, color=GREY, linewidth=0.7, linestyle=":")
+    likeness.set_ylim(0.0, 1.02)
+    for panel in sheet.panels:
+        panel.set_xscale("log")
+        panel.set_xlim(float(f[0]), float(f[-1]))
+        for first, last in _outside(f, usable):
+            panel.axvspan(first, last, color=LIGHT, alpha=0.5, linewidth=0.0, zorder=0.4)
+    _limits(size, decibel)
+    _limits(angle, phase)
+    decades(likeness.xaxis, (1.0, 2.0, 5.0))
+    unit = estimate.unit(output, one)
+    y_label(size, f"magnitude (dB{f' of {unit}' if unit else ''})")
+    y_label(angle, "phase (deg)")
+    y_label(likeness, "coherence")
+    likeness.set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
+    data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
+    return finish(sheet, f"{output} / {one}\n{data}; grey: outside the usable band")
+
+
+def _decibels(response: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    size = np.abs(response)
+    decibel = 20.0 * np.log10(np.maximum(size, 1e-300))
+    low = 20.0 * np.log10(np.maximum(size - half, 10.0 ** (-_MOST / 20.0) * size))
+    return decibel, low, 20.0 * np.log10(np.maximum(size + half, 1e-300))
+
+
+def _outside(frequency: np.ndarray, usable: np.ndarray) -> list[tuple[float, float]]:
+    there = np.flatnonzero(usable)
+    if not there.size:
+        return [(float(frequency[0]), float(frequency[-1]))]
+    ends = [(frequency[0], frequency[there[0]]), (frequency[there[-1]], frequency[-1])]
+    return [(float(a), float(b)) for a, b in ends if b > a]
+
+
+def _limits(panel: Any, values: np.ndarray) -> None:
+    """Limits that show the line and a margin, whatever a wide band does."""
+    low, high = float(np.min(values)), float(np.max(values))
+    margin = max(0.15 * (high - low), 3.0)
+    if math.isfinite(low + high):
+        panel.set_ylim(low - margin, high + margin)
