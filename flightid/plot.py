@@ -14,6 +14,7 @@ from scenarios.api.plot import (
     record,
     replication,
     residuals,
+    response,
     spectra,
 )
 
@@ -29,5 +30,6 @@ __all__ = [
     "record",
     "replication",
     "residuals",
+    "response",
     "spectra",
 ]

@@ -19,7 +19,7 @@ from ident.frequency_response.regression import (
     regress,
     spectral_matrix,
 )
-from ident.frequency_response.segments import Segments, hann_segments, sine_segments
+from ident.frequency_response.segments import LOWEST, Segments, hann_segments, sine_segments
 from sim.errors import RecordError
 
 LEAST_COHERENCE = 0.6  # Tischler and Remple's limit of a usable response
@@ -151,8 +151,8 @@ def estimate_responses(
 
     Raises
     ------
-    RecordError : records too short for every window, steps that differ, fewer references than
-        inputs.
+    RecordError : records too short for every window, a frequency too low for every window, steps
+        that differ, another number of references than of inputs.
     """
     step, first = records[0].step, records[0]
     m, q = len(first.outputs), len(first.inputs)
@@ -165,6 +165,11 @@ def estimate_responses(
     segments = _segments([each.stacked for each in records], step, frequency, spectra)
     z, left = slice(m, m + q), slice(m + q, m + 2 * q) if joint else slice(m, m + q)
     usable_rows = segments.usable(frequency) | (spectra.tapers > 0)
+    if not usable_rows.any(axis=0).all():
+        lowest = LOWEST / max(segments.lengths[n] for n in segments.windows)
+        what = f"no window is long enough for {frequency[~usable_rows.any(axis=0)][0]:.4g} Hz"
+        remedy = f"begin the band at {lowest:.4g} Hz or higher"
+        raise RecordError(what, where="frequency response", remedy=remedy)
     parts = []
     for output in range(m):
         weights, averages = _weights(segments, output, left, usable_rows)

@@ -45,7 +45,12 @@ class FrequencyResponse:
 
 
 def estimate_response(
-    record: Record, input_name: str = "stick", outputs: Sequence[str] | None = None, low: float = LOW, high: float = HIGH, tapers: int = 5
+    record: Record,
+    input_name: str = "stick",
+    outputs: Sequence[str] | None = None,
+    low: float = LOW,
+    high: float = HIGH,
+    tapers: int = 5,
 ) -> FrequencyResponse:
     """Estimate the response by averaging cross spectra over sine tapers.
 
@@ -71,13 +76,21 @@ def estimate_response(
     steps, count = np.diff(record.time), len(record)
     step = float(steps.mean())
     if np.max(np.abs(steps - step)) > 1e-3 * step:
-        raise RecordError("sampling is uneven", where=record.name, remedy="resample it evenly first")
+        raise RecordError(
+            "sampling is uneven", where=record.name, remedy="resample it evenly first"
+        )
     y, valid = record.output_array(names)
     if not valid.all():
-        raise RecordError("a sample is missing", where=record.name, remedy="choose a window without gaps")
+        raise RecordError(
+            "a sample is missing", where=record.name, remedy="choose a window without gaps"
+        )
     u = record[input_name].values
     if not np.ptp(u) > 0:
-        raise RecordError("it does not move", where=f"{record.name}, channel {input_name}", remedy="choose a window with a maneuver")
+        raise RecordError(
+            "it does not move",
+            where=f"{record.name}, channel {input_name}",
+            remedy="choose a window with a maneuver",
+        )
     n, orders = np.arange(1, count + 1), np.arange(1, tapers + 1)[:, None]
     windows = math.sqrt(2.0 / (count + 1)) * np.sin(math.pi * orders * n / (count + 1))
     size = _PADDING * count
@@ -90,14 +103,20 @@ def estimate_response(
         Y[i] = np.fft.rfft(windows * aligned, size) * np.exp(-1j * omega * step * lag)
     keep = (omega >= low) & (omega <= high)
     if not keep.any():
-        raise RecordError(f"no frequency between {low:g} and {high:g} rad/s", where=record.name, remedy="give a longer record")
+        raise RecordError(
+            f"no frequency between {low:g} and {high:g} rad/s",
+            where=record.name,
+            remedy="give a longer record",
+        )
     U, Y, omega = U[:, keep], Y[:, :, keep], omega[keep]
     Suu, Syy = (np.abs(U) ** 2).mean(axis=0), (np.abs(Y) ** 2).mean(axis=1)
     Syu = (Y * np.conj(U)).mean(axis=1)
     coherence = np.abs(Syu) ** 2 / np.maximum(Suu * Syy, np.finfo(float).tiny)
     between = (1.0 - np.exp(-1j * omega * step)) / (1j * omega * step)
     held = between if record.hold is Hold.PREVIOUS else np.abs(between) ** 2
-    return FrequencyResponse(omega, names, Syu / Suu / held, coherence, (tapers + 1) * math.pi / (count * step))
+    return FrequencyResponse(
+        omega, names, Syu / Suu / held, coherence, (tapers + 1) * math.pi / (count * step)
+    )
 
 
 def _lag(u: np.ndarray, y: np.ndarray, latest: int) -> int:
@@ -116,7 +135,13 @@ class ResponseFit:
     converged: bool
 
 
-def model_response(system: System, values: Mapping[str, float], omega: np.ndarray, outputs: Sequence[str], delay: str = "delay") -> np.ndarray:
+def model_response(
+    system: System,
+    values: Mapping[str, float],
+    omega: np.ndarray,
+    outputs: Sequence[str],
+    delay: str = "delay",
+) -> np.ndarray:
     """Response ``(m, n)`` of a System linearised at rest to its first input, a pure delay of that input included."""
     p = system.parameters.with_values(values).values().tolist()
     x0, u0 = [0.0] * len(system.states), [0.0] * len(system.inputs)
@@ -127,12 +152,20 @@ def model_response(system: System, values: Mapping[str, float], omega: np.ndarra
     rows = [system.output_names.index(name) for name in outputs]
     s = 1j * np.asarray(omega)
     inside = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, B.astype(complex)[None])
-    late = np.exp(-s * values.get(delay, 0.0)) if delay in values else np.exp(-s * _held_delay(system, delay))
+    late = (
+        np.exp(-s * values.get(delay, 0.0))
+        if delay in values
+        else np.exp(-s * _held_delay(system, delay))
+    )
     return ((C[rows] @ inside + D[rows])[:, :, 0] * late[:, None]).T
 
 
 def fit_response(
-    response: FrequencyResponse, system: System, free: Sequence[str], outputs: Sequence[str] | None = None, delay: str = "delay"
+    response: FrequencyResponse,
+    system: System,
+    free: Sequence[str],
+    outputs: Sequence[str] | None = None,
+    delay: str = "delay",
 ) -> ResponseFit:
     """Fit a model's named parameters to an estimated response, starting from the System's values.
 
@@ -142,10 +175,18 @@ def fit_response(
     """
     from scipy.optimize import least_squares
 
-    names = tuple(outputs) if outputs is not None else tuple(name for name in response.outputs if name in system.output_names)
+    names = (
+        tuple(outputs)
+        if outputs is not None
+        else tuple(name for name in response.outputs if name in system.output_names)
+    )
     for name in names:
         if name not in response.outputs:
-            raise ModelError("it is not among the estimated responses", where=f"fit_response, {name}", remedy=f"use {', '.join(response.outputs)}")
+            raise ModelError(
+                "it is not among the estimated responses",
+                where=f"fit_response, {name}",
+                remedy=f"use {', '.join(response.outputs)}",
+            )
     rows = [response.outputs.index(name) for name in names]
     c = np.minimum(response.coherence[rows], 0.99)
     power = c / (1.0 - c) / response.omega
@@ -154,12 +195,26 @@ def fit_response(
     bounds = np.array([system.parameters[name].bounds for name in free]).T
 
     def errors(p: np.ndarray) -> np.ndarray:
-        found = model_response(system, dict(zip(free, p.tolist(), strict=True)), response.omega, names, delay)
+        found = model_response(
+            system, dict(zip(free, p.tolist(), strict=True)), response.omega, names, delay
+        )
         ratio = np.log(found / response.response[rows])
-        return np.concatenate([(_DECIBEL * weight * ratio.real).ravel(), (_PHASE * weight * ratio.imag).ravel()])
+        return np.concatenate(
+            [(_DECIBEL * weight * ratio.real).ravel(), (_PHASE * weight * ratio.imag).ravel()]
+        )
 
-    found = least_squares(errors, start, bounds=(bounds[0], bounds[1]), x_scale=np.maximum(np.abs(start), 1e-3), max_nfev=500)
-    return ResponseFit(dict(zip(free, found.x.tolist(), strict=True)), float(2.0 * found.cost / weight.size), found.status > 0)
+    found = least_squares(
+        errors,
+        start,
+        bounds=(bounds[0], bounds[1]),
+        x_scale=np.maximum(np.abs(start), 1e-3),
+        max_nfev=500,
+    )
+    return ResponseFit(
+        dict(zip(free, found.x.tolist(), strict=True)),
+        float(2.0 * found.cost / weight.size),
+        found.status > 0,
+    )
 
 
 def _held_delay(system: System, delay: str) -> float:

@@ -111,5 +111,7 @@ def coherences(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     inverse = np.linalg.inv(plain + 1e-13 * np.eye(size))
     last = inverse[:, -1, -1].real
     multiple = 1.0 - 1.0 / np.maximum(last, 1.0)
-    partial = np.abs(inverse[:, :-1, -1]) ** 2 / (np.einsum("fss->fs", inverse).real[:, :-1] * last[:, None])
+    partial = np.abs(inverse[:, :-1, -1]) ** 2 / (
+        np.einsum("fss->fs", inverse).real[:, :-1] * last[:, None]
+    )
     return np.clip(multiple, 0.0, 1.0), np.clip(partial.T, 0.0, 1.0)

@@ -77,9 +77,9 @@ def hann_segments(
             windows.append(np.full(count, number))
             starts.append(np.column_stack([hop * np.arange(count), np.full(count, OVERLAP * hop)]))
             owners.append(np.full(count, owner))
-    rows, number = np.concatenate(starts), np.concatenate(windows)
-    spans, owner = rows * step, np.concatenate(owners)
-    return Segments(np.concatenate(blocks, axis=2), number, tuple(lengths), _overlap(spans, owner))
+    overlap = _overlap(np.concatenate(starts) * step, np.concatenate(owners))
+    transforms = np.concatenate(blocks, axis=2)
+    return Segments(transforms, np.concatenate(windows), tuple(lengths), overlap)
 
 
 def sine_segments(
@@ -97,11 +97,11 @@ def sine_segments(
         orders = np.arange(1, tapers + 1)[:, None]
         rate = orders * math.pi / ((count + 1) * step)
         size = math.sqrt(2.0 / (count + 1))
-        shapes = [np.sin, np.cos, lambda angle: -np.sin(angle)]
+        shapes = (np.sin(orders * phase), np.cos(orders * phase), -np.sin(orders * phase))
         turns = -2j * math.pi * frequency * step
         rows = np.stack(
             [
-                _transformed(signals[:, None, :] * (size * rate**n * shapes[n](orders * phase)), turns)
+                _transformed(signals[:, None, :] * (size * rate**n * shapes[n]), turns)
                 for n in range(derivatives + 1)
             ],
             axis=1,

@@ -70,7 +70,7 @@ def figure_response(estimate: Estimated, row: int = 0, column: int = 0) -> Figur
     if estimate.direct is not None:
         other = estimate.direct.response[row, column]
         near = phase + np.degrees(np.angle(other / response))
-        style = {"color": VERMILION, "linewidth": 0.9, "linestyle": "--"}
+        style: dict[str, Any] = {"color": VERMILION, "linewidth": 0.9, "linestyle": "--"}
         size.plot(f, 20.0 * np.log10(np.maximum(np.abs(other), 1e-300)), label="direct", **style)
         angle.plot(f, near, **style)
     several = found.response.shape[1] > 1

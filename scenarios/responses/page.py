@@ -53,7 +53,9 @@ def responses_page(found: Responses, drawn: Sequence[Drawn] = ()) -> Page:
     return Page(
         title=f"{', '.join(files[:3])}{', ...' if len(files) > 3 else ''}: frequency responses",
         kind="Frequency responses",
-        verdict=f"{usable} of {number} usable" if number > 1 else ("usable" if usable else "not usable"),
+        verdict=f"{usable} of {number} usable"
+        if number > 1
+        else ("usable" if usable else "not usable"),
         tone="plain",
         sentence=sentence(summary.outcome),
         summary=(sentence(summary.result),),

@@ -89,7 +89,9 @@ def table_columns(found: Responses, row: int, column: int) -> list[Column]:
         Column("coherence", cells(one.coherence[row], ".3f")),
     ]
     if several:
-        columns.append(Column("partial coherence", cells(one.partial_coherence[row, column], ".3f")))
+        columns.append(
+            Column("partial coherence", cells(one.partial_coherence[row, column], ".3f"))
+        )
     columns.append(Column("random error", cells(one.random_error[row, column], ".3f")))
     columns.append(Column("usable", ["yes" if usable[k] else "-" for k in at], left=True))
     return columns

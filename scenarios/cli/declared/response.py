@@ -30,10 +30,13 @@ from scenarios.preparation.request import Request
 
 Inputs = Annotated[
     list[str] | None,
-    typer.Option("--input", metavar="A", help="A column or channel; again for inputs that move together."),
+    typer.Option(
+        "--input", metavar="A", help="A column or channel; again for inputs that move together."
+    ),
 ]
 Outputs = Annotated[
-    list[str] | None, typer.Option("--output", metavar="B", help="A column or channel; again for each.")
+    list[str] | None,
+    typer.Option("--output", metavar="B", help="A column or channel; again for each."),
 ]
 References = Annotated[
     list[str] | None,
