@@ -132,7 +132,7 @@ def feedback_flight(folder: Path) -> Path:
     top, bottom, _ = signal.cont2discrete(([6.0, 7.2], [1.0, 3.2, 16.0]), step, "zoh")
     top = np.ravel(top)
     r = signal.lfilter(*signal.butter(2, 0.12), rng.standard_normal(count))
-    n = 0.4 * signal.lfilter(*signal.butter(1, 0.04), rng.standard_normal(count))
+    n = 0.9 * signal.lfilter(*signal.butter(1, 0.04), rng.standard_normal(count))
     closed = np.polyadd(bottom, 0.5 * top)
     y = signal.lfilter(top, closed, r) + signal.lfilter(bottom, closed, n)
     return write_csv(folder, time=step * np.arange(count), sweep=r, surface=r - 0.5 * y, rate=y)
