@@ -86,7 +86,8 @@ class FrequencyResponses:
     input_coherence : ``(q, F)``, of each input with the other inputs, zero with one; of a joint
         estimate of each input with the references.
     usable : bool ``(m, q, F)``, the usable band.
-    averages : ``(m, F)``, number of independent averages. spectra : how it was estimated.
+    averages : ``(m, F)``, number of independent averages. lengths : ``(m, F)``, s, weighted mean
+        length of the windows. spectra : how it was estimated.
     joint : whether it is a joint input-output estimate.
     """
 
@@ -99,6 +100,7 @@ class FrequencyResponses:
     input_coherence: np.ndarray
     usable: np.ndarray
     averages: np.ndarray
+    lengths: np.ndarray
     spectra: Spectra
     joint: bool = False
 
@@ -177,9 +179,11 @@ def estimate_responses(
         around = np.concatenate([segments.transforms[left, 0], segments.transforms[[output], 0]])
         multiple, partial = coherences(spectral_matrix(around, weights))
         of_inputs = _input_coherence(segments, z, left, weights, joint=joint)
-        parts.append((response, std, degrees, multiple, partial, of_inputs, averages))
-    response, std, degrees, multiple, partial, of_inputs, averages = (
-        np.stack([part[n] for part in parts]) for n in range(7)
+        windows = np.array(segments.lengths)[segments.windows]
+        lengths = windows @ weights / weights.sum(axis=0)
+        parts.append((response, std, degrees, multiple, partial, of_inputs, averages, lengths))
+    response, std, degrees, multiple, partial, of_inputs, averages, lengths = (
+        np.stack([part[n] for part in parts]) for n in range(8)
     )
     found = FrequencyResponses(
         frequency,
@@ -191,6 +195,7 @@ def estimate_responses(
         of_inputs[0],
         np.zeros(response.shape, dtype=bool),
         averages,
+        lengths,
         spectra,
         joint,
     )
