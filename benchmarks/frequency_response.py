@@ -80,7 +80,9 @@ def main() -> None:
         z = np.exp(2j * math.pi * at / RATE)
         error = np.abs(found / (np.polyval(top, z) / np.polyval(bottom, z)) - 1.0)
         inside = (at >= 0.1) & (at <= 5.0)
-        print(f"{name:20}{min(spent):8.2f}{min(spent) / first:8.1f}{np.median(error[inside]):14.4f}")
+        print(
+            f"{name:20}{min(spent):8.2f}{min(spent) / first:8.1f}{np.median(error[inside]):14.4f}"
+        )
 
 
 if __name__ == "__main__":

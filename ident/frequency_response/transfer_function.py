@@ -105,7 +105,9 @@ _UNITS = {"frequency": "rad/s", "numerator_frequency": "rad/s", "damping": "1", 
 _PAIR = ("frequency", "damping")
 
 
-def _named(name: str, orders: tuple[int, int], zeros: tuple[str, ...], poles: tuple[str, ...]) -> Form:
+def _named(
+    name: str, orders: tuple[int, int], zeros: tuple[str, ...], poles: tuple[str, ...]
+) -> Form:
     names = ("gain", *zeros, *poles, DELAY)
     return Form(name, orders, names, poles, {each: _UNITS.get(each, "") for each in names})
 
@@ -143,7 +145,9 @@ def form_of(text: str) -> Form:
         raise ModelError(what, where="fit", remedy="the denominator has the higher one, 1 to 8")
     poles = tuple(f"a{k}" for k in range(m))
     names = (*(f"b{k}" for k in range(n + 1)), *poles, DELAY)
-    return Form(text, (n, m), names, poles, {DELAY: "s", **{f"a{k}": f"1/s{m - k}" for k in range(m)}})
+    return Form(
+        text, (n, m), names, poles, {DELAY: "s", **{f"a{k}": f"1/s{m - k}" for k in range(m)}}
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +310,9 @@ class _Problem:
         from scipy.optimize import least_squares
 
         best, least, ended = np.zeros(len(self.keys)), math.inf, False
-        low = np.array([0.0 if name == DELAY or "frequency" in name else -np.inf for _, name in self.keys])
+        low = np.array(
+            [0.0 if name == DELAY or "frequency" in name else -np.inf for _, name in self.keys]
+        )
         for start in zip(*starts, strict=True):
             p = np.array([start[n][name] for n, name in self.keys])
             p = np.maximum(p, np.where(np.isfinite(low), low + 1e-6, p))
@@ -323,7 +329,9 @@ class _Problem:
         slopes = self.slopes(p)
         normal = slopes.T @ slopes
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale)
+        inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(
+            scale, scale
+        )
         covariance = self.noise()
         gains = inverse @ slopes.T
         spread = np.sqrt(np.maximum(np.einsum("ir,rs,is->i", gains, covariance, gains), 0.0))

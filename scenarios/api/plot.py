@@ -80,6 +80,15 @@ def response(found: Responding, number: int = 0) -> Figure:
     return shown(figure_response(found.details, row, column))
 
 
+def mismatch(found: Responding, number: int = 0) -> Figure:
+    """A frequency response over its fitted transfer function, between the envelopes of dynamics that a pilot does not notice."""
+    from scenarios.plots.responses import figure_mismatch
+    from scenarios.responses.analysis import pairs
+
+    row, column, _ = _one_of(pairs(found.details), number, "responses")
+    return shown(figure_mismatch(found.details, row, column))
+
+
 def record(given: Recorded) -> Figure:
     """Inputs and outputs against time, angles in degrees."""
     from scenarios.plots.signals import figure_record

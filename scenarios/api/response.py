@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -19,6 +19,7 @@ from scenarios.api.shown import html
 from scenarios.api.shown.report import write_report
 from scenarios.plots.formats import formats_wanted
 from scenarios.responses import analysis
+from scenarios.responses.fitting import FitOptions
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError
 
@@ -99,6 +100,32 @@ class FrequencyResponse:
         """The responses as python-control's, with the names of the signals, rad/s."""
         return self.details.to_control()
 
+    def to_transfer_function(
+        self, output: str | None = None, input: str | None = None, pade: int = 2
+    ) -> control.TransferFunction:
+        """The fitted transfer function of one response as python-control's.
+
+        ``output``, ``input`` : which; the first where they are not given. ``pade`` : order of the
+        approximation of its delay; 0 leaves the delay out. Raises InputError where none is fitted.
+        """
+        import control
+
+        row = _place(output, self.outputs, "output")
+        column = _place(input, self.inputs, "input")
+        fits = self.details.fits
+        fitted = fits.of(row, column) if fits is not None else None
+        if fitted is None:
+            remedy = "name a form (fit)"
+            raise DeclarationError(
+                "no transfer function is fitted", where="response", remedy=remedy
+            )
+        function, _ = fitted
+        plain = control.tf(function.numerator, function.denominator)
+        late = function.values["delay"]
+        return (
+            plain if pade < 1 or not late > 0.0 else plain * control.tf(*control.pade(late, pade))
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Content of ``responses.json``."""
         from scenarios.responses.files import responses_content
@@ -119,8 +146,8 @@ class FrequencyResponse:
 
     @property
     def plot(self) -> plot.Figures:
-        """Figures of this result: ``found.plot.response()``."""
-        return plot.Figures(self, plot.response)
+        """Figures of this result: ``found.plot.response()``, ``found.plot.mismatch()``."""
+        return plot.Figures(self, plot.response, plot.mismatch)
 
     def __repr__(self) -> str:
         some = ", ".join(f"{output}/{one}" for output in self.outputs for one in self.inputs)
@@ -157,6 +184,9 @@ def frequency_response(
     window: float | Sequence[float] = (),
     tapers: int = 0,
     coherence: float = LEAST_COHERENCE,
+    fit: str | Sequence[str] | Mapping[str, str] = (),
+    fix: Mapping[str, float] | None = None,
+    shared_poles: bool = False,
 ) -> FrequencyResponse:
     """Estimate frequency responses from records: ``flightid response`` in Python.
 
@@ -170,6 +200,9 @@ def frequency_response(
     band : lowest and highest frequency, Hz; None takes it from the windows and the inputs' power.
     window : lengths of the windows, s; none takes four. tapers : sine tapers instead of windows.
     coherence : least one of the usable band.
+    fit : form of a transfer function for every output, or ``{output: form}``: ``"pitch"``,
+        ``"roll"``, ``"dutch-roll"``, ``"roll-and-dutch-roll"``, or orders such as ``"1/2"``.
+    fix : parameters of the forms that are held. shared_poles : one denominator for all.
 
     Raises
     ------
@@ -180,7 +213,10 @@ def frequency_response(
     names = Names(_names(input), _names(output), _names(reference))
     given = None if band is None else (float(band[0]), float(band[1]))
     options = analysis.Options(given, _lengths(window), tapers, coherence)
-    return FrequencyResponse(analysis.responses_of(request, names, options))
+    forms = tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else _names(fit)
+    held = tuple(f"{name}={float(value)!r}" for name, value in (fix or {}).items())
+    wanted = FitOptions(forms, held, shared_poles)
+    return FrequencyResponse(analysis.responses_of(request, names, options, wanted))
 
 
 def _names(given: str | Sequence[str]) -> tuple[str, ...]:

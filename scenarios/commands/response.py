@@ -7,6 +7,7 @@ from pathlib import Path
 from scenarios.plots.formats import Formats
 from scenarios.preparation.request import Request
 from scenarios.responses.analysis import Options, responses_of
+from scenarios.responses.fitting import FitOptions
 from scenarios.responses.reading import Names
 from scenarios.responses.text import print_responses
 from scenarios.terminal.summary import details_in, written_to
@@ -18,14 +19,16 @@ def respond(
     request: Request,
     names: tuple[Texts, Texts, Texts],
     options: tuple[tuple[float, float] | None, tuple[float, ...], int, float],
+    fit: tuple[Texts, Texts, bool],
     out: Path | None,
     figures: Formats,
 ) -> None:
     """Read, estimate, write the folder, print.
 
     ``names`` : inputs, outputs, references. ``options`` : band, windows, tapers, least coherence.
+    ``fit`` : forms, fixed parameters, shared poles.
     """
-    found = responses_of(request, Names(*names), Options(*options))
+    found = responses_of(request, Names(*names), Options(*options), FitOptions(*fit))
     if out is not None:
         from scenarios.responses.files import write_responses
 

@@ -9,8 +9,10 @@ from typing import Any, Protocol
 import numpy as np
 from matplotlib.figure import Figure
 
+from ident.frequency_response.transfer_function import unnoticeable
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.style import (
+    BLACK,
     BLUE,
     GREY,
     LABEL_SIZE,
@@ -23,6 +25,7 @@ from scenarios.plots.style import (
     make_sheet,
     y_label,
 )
+from sim.errors import DeclarationError
 
 _MOST = 60.0  # dB and degrees of a band's half that is drawn
 
@@ -47,6 +50,8 @@ class Estimated(Protocol):
     def direct(self) -> Any: ...
     @property
     def simulated(self) -> bool: ...
+    @property
+    def fits(self) -> Any: ...
     def unit(self, output: str, one: str) -> str: ...
 
 
@@ -73,6 +78,12 @@ def figure_response(estimate: Estimated, row: int = 0, column: int = 0) -> Figur
         style: dict[str, Any] = {"color": VERMILION, "linewidth": 0.9, "linestyle": "--"}
         size.plot(f, 20.0 * np.log10(np.maximum(np.abs(other), 1e-300)), label="direct", **style)
         angle.plot(f, near, **style)
+    fitted = estimate.fits.of(row, column) if estimate.fits is not None else None
+    if fitted is not None:
+        model = fitted[0].response(2.0 * np.pi * f)
+        line: dict[str, Any] = {"color": BLACK, "linewidth": 1.0, "linestyle": (0, (5, 2))}
+        size.plot(f, 20.0 * np.log10(np.abs(model)), label=f"fitted: {fitted[0].form.name}", **line)
+        angle.plot(f, phase + np.degrees(np.angle(model / response)), **line)
     several = found.response.shape[1] > 1
     likeness.plot(f, found.coherence[row], color=BLUE, linewidth=1.2)
     if several:
@@ -96,6 +107,46 @@ def figure_response(estimate: Estimated, row: int = 0, column: int = 0) -> Figur
     likeness.set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
     data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
     return finish(sheet, f"{output} / {one}\n{data}; grey: outside the usable band")
+
+
+def figure_mismatch(estimate: Estimated, row: int = 0, column: int = 0) -> Figure:
+    """The estimated response over the fitted one, in dB and degrees, with 95 % bands, between the
+    envelopes of maximum unnoticeable added dynamics. Raises DeclarationError where none is fitted.
+    """
+    fitted = estimate.fits.of(row, column) if estimate.fits is not None else None
+    if fitted is None:
+        remedy = "name a form (fit)"
+        raise DeclarationError("no transfer function is fitted", where="mismatch", remedy=remedy)
+    function, mismatch = fitted
+    f = mismatch.frequency
+    limits = unnoticeable(2.0 * np.pi * f)
+    sheet = make_sheet([1.6, 1.6], row_gap=0.14)
+    rows = (
+        (mismatch.gain, mismatch.gain_error, limits.low_gain, limits.high_gain, "gain (dB)"),
+        (mismatch.phase, mismatch.phase_error, limits.low_phase, limits.high_phase, "phase (deg)"),
+    )
+    for panel, (value, error, low, high, label) in zip(sheet.panels, rows, strict=True):
+        error = np.minimum(error, _MOST)
+        panel.fill_between(f, value - error, value + error, color=SKY, alpha=0.45, linewidth=0.0)
+        panel.plot(f, value, color=BLUE, linewidth=1.2, label="estimate over fitted")
+        for n, limit in enumerate((low, high)):
+            there = np.where(mismatch.piloted, limit, np.nan)
+            text = "unnoticeable within" if not n else None
+            panel.plot(f, there, color=VERMILION, linewidth=1.0, linestyle="--", label=text)
+        panel.axhline(0.0, color=GREY, linewidth=0.6)
+        panel.set_xscale("log")
+        panel.set_xlim(float(f[0]), float(f[-1]))
+        spread = 1.3 * float(np.max(np.abs(value))) + 1.0
+        near = 12.0 if "dB" in label else 60.0
+        panel.set_ylim(-max(spread, near), max(spread, near))
+        y_label(panel, label)
+    decades(sheet.panels[-1].xaxis, (1.0, 2.0, 5.0))
+    sheet.panels[-1].set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
+    data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
+    return finish(
+        sheet,
+        f"{function.name}: mismatch of {function.form.name}\n{data}; cost {function.cost:.3g}",
+    )
 
 
 def _decibels(response: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -26,6 +26,7 @@ from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.preparation.request import Request, column_choices
+from scenarios.responses.fitting import FitOptions, Fits, fit_cautions, fits_of
 from scenarios.responses.reading import Names, ReadSignals, read_signals
 from sim.errors import DeclarationError
 from sim.record import Hold
@@ -91,7 +92,7 @@ class Responses:
     found : the estimate, by the joint input-output method where references are named.
     direct : the direct estimate besides, where references are named.
     rate : Hz, of the samples that were used. notes : what was done. cautions : what a user should
-        know. simulated : a program made all records.
+        know. simulated : a program made all records. fits : transfer functions of the responses.
     """
 
     identities: tuple[InputFile, ...]
@@ -105,6 +106,7 @@ class Responses:
     notes: tuple[str, ...]
     cautions: tuple[str, ...]
     simulated: bool
+    fits: Fits | None = None
 
     def unit(self, output: str, one: str) -> str:
         """Unit of a response, ``"deg/s per deg"``; empty where neither signal has one."""
@@ -130,7 +132,9 @@ class Responses:
         return f"<Responses of {', '.join(self.parts[:3])}: {pairs}>"
 
 
-def responses_of(request: Request, names: Names, options: Options) -> Responses:
+def responses_of(
+    request: Request, names: Names, options: Options, fit: FitOptions | None = None
+) -> Responses:
     """Estimate the responses of the records of a request, pooled.
 
     Raises
@@ -144,6 +148,7 @@ def responses_of(request: Request, names: Names, options: Options) -> Responses:
     chosen = column_choices(request, (*CHANNEL_UNITS, *words))
     read = read_signals(files, names, request.plan, chosen)
     found, direct, step, notes = estimated(read, options)
+    fits = fits_of(found, names, fit or FitOptions())
     return Responses(
         identities(files),
         read.names,
@@ -154,8 +159,9 @@ def responses_of(request: Request, names: Names, options: Options) -> Responses:
         direct,
         1.0 / step,
         (*read.notes, *notes),
-        cautions_of(found, direct, names),
+        (*cautions_of(found, direct, names), *fit_cautions(fits)),
         all(file.sidecar.simulated for file in files),
+        fits,
     )
 
 

@@ -17,6 +17,7 @@ from scenarios.pages.folder import write_page
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.page.named import Drawn
 from scenarios.responses.analysis import Responses, pairs
+from scenarios.responses.fitting import Fits, envelope_sentence
 from scenarios.responses.page import responses_page
 
 MAIN = "responses.json"
@@ -40,6 +41,17 @@ def write_responses(found: Responses, folder: str | Path, *, figures: Formats = 
                 )
                 for n, (row, column, _) in enumerate(pairs(found), start=1)
             ]
+            if found.fits is not None:
+                from scenarios.plots.responses import figure_mismatch
+
+                named += [
+                    (
+                        f"mismatch_{n}" if several else "mismatch",
+                        partial(figure_mismatch, found, *place),
+                    )
+                    for n, (row, column, _) in enumerate(pairs(found), start=1)
+                    if (place := (row, column)) in found.fits.places
+                ]
             drawn = drawn_for_page(named, scratch, figures)
         write_text(scratch / TABLE, responses_csv(found))
         write_page(scratch, responses_page(found, drawn))
@@ -129,6 +141,7 @@ def responses_content(found: Responses) -> dict[str, Any]:
         },
         "parts": [{"name": name, "duration_s": duration} for name, duration in parts],
         "responses": responses,
+        **({"fits": _fits_content(found, found.fits)} if found.fits is not None else {}),
         "notes": list(found.notes),
         "warnings": list(found.cautions),
         "inputs": {
@@ -136,4 +149,49 @@ def responses_content(found: Responses) -> dict[str, Any]:
             "sha256": [each.sha256 for each in found.identities],
         },
         "versions": versions(),
+    }
+
+
+def _fits_content(found: Responses, fits: Fits) -> dict[str, Any]:
+    functions = []
+    for (row, column), function, mismatch in zip(
+        fits.places, fits.fit.functions, fits.mismatches, strict=True
+    ):
+        form, judged = function.form, envelope_sentence(function, mismatch)
+        functions.append(
+            {
+                "output": found.names.outputs[row],
+                "input": found.names.inputs[column],
+                "form": form.name,
+                "cost": function.cost,
+                "numerator": function.numerator.tolist(),
+                "denominator": function.denominator.tolist(),
+                "delay": function.values["delay"],
+                "parameters": {
+                    name: {
+                        "value": function.values[name],
+                        "std": function.std[name],
+                        "insensitivity": function.insensitivity[name],
+                        "unit": form.units.get(name, ""),
+                    }
+                    for name in function.std
+                },
+                "fixed": {
+                    name: value
+                    for name, value in function.values.items()
+                    if name not in function.std
+                },
+                **({"unnoticeable": not bool(mismatch.outside.any())} if judged else {}),
+                "mismatch": {
+                    "frequency_Hz": mismatch.frequency.tolist(),
+                    "gain_dB": mismatch.gain.tolist(),
+                    "phase_deg": mismatch.phase.tolist(),
+                },
+            }
+        )
+    return {
+        "cost": fits.fit.cost,
+        "converged": fits.fit.converged,
+        "shared": list(fits.fit.shared),
+        "functions": functions,
     }

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from scenarios.pages.folder import figures
-from scenarios.pages.model import Bullets, Page, Prose, section
+from scenarios.pages.model import Block, Bullets, Page, Prose, section
 from scenarios.pages.printed import printed_blocks
 from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.wording import sentence
@@ -14,6 +14,8 @@ from scenarios.plots.page.named import Drawn
 from scenarios.responses.analysis import Responses, pairs
 from scenarios.responses.text import (
     band_sentence,
+    fit_columns,
+    fit_lines,
     name_pair,
     responses_summary,
     table_columns,
@@ -44,6 +46,14 @@ def responses_page(found: Responses, drawn: Sequence[Drawn] = ()) -> Page:
             partial(print_table, title=title, columns=table_columns(found, row, column))
         )
         tables.append(Prose(f"{name}: {band_sentence(found, row, column)}.", "note"))
+    functions: list[Block] = []
+    for row, column, name in pairs(found):
+        functions += [Prose(f"{sentence(line)}") for line in fit_lines(found, row, column)]
+        columns = fit_columns(found, row, column)
+        if columns:
+            functions += printed_blocks(
+                partial(print_table, title=f"Parameters of {name}", columns=columns)
+            )
     words = ["flightid", "response", *files]
     words += [word for name in names.inputs for word in ("--input", name)]
     words += [word for name in names.outputs for word in ("--output", name)]
@@ -62,6 +72,7 @@ def responses_page(found: Responses, drawn: Sequence[Drawn] = ()) -> Page:
         warnings=tuple(map(sentence, found.cautions)),
         sections=(
             *section("Bode diagrams", *figures(drawn)),
+            *section("Transfer functions", *functions),
             *section("Numbers", *tables),
             *section("How they were estimated", Bullets(tuple(map(sentence, found.notes)))),
             *section("How the numbers are read", Bullets(READING)),

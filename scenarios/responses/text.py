@@ -8,7 +8,8 @@ import numpy as np
 from rich.console import Console
 
 from scenarios.responses.analysis import Responses, pairs
-from scenarios.terminal.numbers import console
+from scenarios.responses.fitting import cost_sentence, envelope_sentence, transfer_text
+from scenarios.terminal.numbers import console, number
 from scenarios.terminal.paragraphs import print_paragraph
 from scenarios.terminal.summary import BELOW, Summary, print_summary
 from scenarios.terminal.tables import Column, print_table
@@ -28,6 +29,12 @@ def print_responses(found: Responses, out: Console | None = None, details: str =
         unit = found.unit(*name_pair(found, row, column))
         title = f"{name}{f', {unit}' if unit else ''}: {band_sentence(found, row, column)}"
         print_table(out, title, table_columns(found, row, column))
+    for row, column, _ in pairs(found):
+        for line in fit_lines(found, row, column):
+            print_paragraph(out, line, indent=0)
+        columns = fit_columns(found, row, column)
+        if columns:
+            print_table(out, "", columns)
 
 
 def name_pair(found: Responses, row: int, column: int) -> tuple[str, str]:
@@ -49,6 +56,44 @@ def responses_summary(found: Responses, details: str = BELOW) -> Summary:
         "",
         details,
     )
+
+
+def fit_lines(found: Responses, row: int, column: int) -> list[str]:
+    """The transfer function of a response, its cost and how its mismatch is judged."""
+    fitted = found.fits.of(row, column) if found.fits is not None else None
+    if fitted is None:
+        return []
+    function, mismatch = fitted
+    judged = envelope_sentence(function, mismatch)
+    head = f"{function.name} = {transfer_text(function)} ({function.form.name})"
+    return [head, cost_sentence(function), *([judged] if judged else [])]
+
+
+def fit_columns(found: Responses, row: int, column: int) -> list[Column]:
+    """The table of the parameters of a fitted transfer function; none where none was fitted."""
+    fitted = found.fits.of(row, column) if found.fits is not None else None
+    if fitted is None or found.fits is None:
+        return []
+    function, _ = fitted
+    rows = []
+    for name in function.form.parameters:
+        value = function.values[name]
+        size = max(abs(value), 1e-300)
+        if name in function.std:
+            std, alone = function.std[name], function.insensitivity[name]
+            shares = [f"{100.0 * each / size:.3g}" for each in (std, alone)]
+            cells = [number(value, std), f"{std:.2g}", *shares]
+        else:
+            cells = [f"{value:.5g}", "fixed", "-", "-"]
+        unit = function.form.units.get(name, "")
+        said = "shared" if name in found.fits.fit.shared else ""
+        rows.append([name, *cells, "" if unit == "1" else unit, said])
+    headings = ["parameter", "value", "std", "std, %", "insensitivity, %", "unit", "note"]
+    kept = len(headings) if any(row[-1] for row in rows) else len(headings) - 1
+    return [
+        Column(head, [row[n] for row in rows], left=head in ("parameter", "unit", "note"))
+        for n, head in enumerate(headings[:kept])
+    ]
 
 
 def band_sentence(found: Responses, row: int, column: int) -> str:

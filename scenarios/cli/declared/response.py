@@ -57,6 +57,21 @@ Band = Annotated[
     tuple[float, float] | None,
     typer.Option("--band", metavar="LOW HIGH", help="Hz; else from the inputs' power."),
 ]
+Fit = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fit",
+        metavar="[OUTPUT=]FORM",
+        help="Fit pitch, roll, dutch-roll, roll-and-dutch-roll, or orders such as 1/2.",
+    ),
+]
+Fix = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fix", metavar="NAME=VALUE", help="Hold a parameter of the form; again for each."
+    ),
+]
+Shared = Annotated[bool, typer.Option("--shared-poles", help="One denominator for all responses.")]
 Coherence = Annotated[
     float, typer.Option("--coherence", metavar="C", help="Least coherence of the usable band.")
 ]
@@ -80,6 +95,9 @@ def response(
     window: Windows = None,
     tapers: Tapers = 0,
     coherence: Coherence = 0.6,
+    fit: Fit = None,
+    fix: Fix = None,
+    shared_poles: Shared = False,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -104,6 +122,7 @@ def response(
             request,
             (tuple(inputs or ()), tuple(outputs or ()), tuple(references or ())),
             (band, tuple(window or ()), tapers, coherence),
+            (tuple(fit or ()), tuple(fix or ()), shared_poles),
             told.out,
             told.figures,
         )

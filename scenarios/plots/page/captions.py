@@ -44,6 +44,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "over": "Derivatives of all flights over the condition, with the common line and the scatter between flights",
         "flight": "The whole flight: inputs and motion, maneuvers with their numbers, trim points grey",
         "response": "Magnitude, phase and coherence over frequency, with 95 % bands; grey: outside the usable band",
+        "mismatch": "The estimated response over the fitted one, between the envelopes of dynamics that a pilot does not notice",
         "watched": "Parameters while the stream arrived",
     }
 )

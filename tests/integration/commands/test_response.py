@@ -69,7 +69,11 @@ def test_a_log_of_a_recorder(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     words = ["response", str(log), "--input", "SIDD.Targ", "--output", "SIDD.Gx", "--out", str(out)]
     assert typed(*words) == 0
     printed = capsys.readouterr().out
-    assert "SIDD.Gx/SIDD.Targ" in printed and "usable from" in printed and "decimated from 400" in printed
+    assert (
+        "SIDD.Gx/SIDD.Targ" in printed
+        and "usable from" in printed
+        and "decimated from 400" in printed
+    )
     found = json.loads((out / "responses.json").read_text())
     assert found["schema"] == "flightid/responses/1" and found["method"] == "direct"
     one = found["responses"][0]
@@ -86,7 +90,13 @@ def test_a_log_of_a_recorder(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         rows = list(csv.DictReader(file))
     assert len(rows) == frequency.size and rows[0]["output"] == "SIDD.Gx"
     assert float(rows[3]["real"]) == one["real"][3]
-    assert sorted(found["files"]) == ["report.html", "report.json", "response.png", "responses.csv", "responses.json"]
+    assert sorted(found["files"]) == [
+        "report.html",
+        "report.json",
+        "response.png",
+        "responses.csv",
+        "responses.json",
+    ]
     page = (out / "report.html").read_text()
     assert "coherence" in page and "<svg" in page
 
@@ -118,8 +128,15 @@ def test_python_gives_the_command(tmp_path: Path) -> None:
 
 def test_degrees_of_a_channel_become_radians_and_other_columns_stay(tmp_path: Path) -> None:
     time, target, rate = chirp_flight(3)
-    columns = {"time": time[::8], "wanted": target[::8], "p [deg/s]": rate[::8], "gyro [deg/s]": rate[::8]}
-    path = write_csv(tmp_path, **columns)
+    columns = {
+        "time": time[::8],
+        "wanted": target[::8],
+        "p [deg/s]": rate[::8],
+        "gyro [deg/s]": rate[::8],
+    }
+    path = tmp_path / "flight.csv"
+    body = np.column_stack(list(columns.values()))
+    np.savetxt(path, body, delimiter=",", header=",".join(columns), comments="")
     found = fid.frequency_response(path, "wanted", ["p", "gyro"], band=(0.2, 6.0))
     np.testing.assert_allclose(np.rad2deg(1.0) * found.response[0], found.response[1], rtol=1e-12)
     units = [each["unit"] for each in found.to_dict()["responses"]]
@@ -200,11 +217,85 @@ def test_parts_of_a_record_are_pooled_and_gaps_part_it(tmp_path: Path) -> None:
         (["--input", "a", "--output", "b", "--from", "1", "--to", "1.5"], "too few"),
     ],
 )
-def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
+def test_bad_input_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
     time, target, rate = chirp_flight()
-    path = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8], flat=np.ones(time[::8].size))
+    path = write_csv(
+        tmp_path, time=time[::8], a=target[::8], b=rate[::8], flat=np.ones(time[::8].size)
+    )
     out = tmp_path / "bode"
     assert typed("response", path, *words, "--out", out) == 2
+    shown = capsys.readouterr()
+    assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err
+    assert not out.exists()
+
+
+def test_from_a_log_to_a_transfer_function_in_three_commands(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, out = write_log(tmp_path), tmp_path / "roll"
+    signals = ("--input", "SIDD.Targ", "--output", "SIDD.Gx")
+    assert typed("map", log) == 0
+    assert "SIDD.Gx" in capsys.readouterr().out
+    assert typed("response", log, *signals) == 0
+    assert typed("response", log, *signals, "--fit", "roll", "--out", out) == 0
+    printed = capsys.readouterr().out
+    assert "inv_T_roll" in printed and "within the envelopes" in printed
+    (one,) = json.loads((out / "responses.json").read_text())["fits"]["functions"]
+    # The lag that is simulated answers half a sample before the continuous one.
+    exact_values = {"gain": GAIN / LAG, "inv_T_roll": 1 / LAG, "delay": DELAY - 0.5 / RATE}
+    for name, value in exact_values.items():
+        each = one["parameters"][name]
+        assert abs(each["value"] - value) < 3.0 * each["std"] < 0.05 * value, name
+    assert one["unnoticeable"] is True and one["cost"] < 5.0
+    assert (out / "mismatch.png").is_file() and "Transfer functions" in (
+        out / "report.html"
+    ).read_text()
+
+
+def test_fits_in_python(tmp_path: Path) -> None:
+    time, target, rate = chirp_flight(8)
+    lead = signal.lfilter([1.0 - 0.8], [1.0, -0.8], rate)
+    path = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8], c=lead[::8])
+    found = fid.frequency_response(
+        path, "a", ["b", "c"], band=(0.2, 6.0), fit={"b": "0/1"}, fix={"delay": 0.01875}
+    )
+    (one,) = found.to_dict()["fits"]["functions"]
+    assert one["output"] == "b" and one["fixed"] == {"delay": 0.01875} and "unnoticeable" not in one
+    assert one["parameters"]["a0"]["value"] == pytest.approx(1 / LAG, rel=0.02)
+    exact_lag = found.to_transfer_function("b", pade=0)
+    assert exact_lag.poles()[0].real == pytest.approx(-1 / LAG, rel=0.02)
+    late = np.squeeze(found.to_transfer_function("b", pade=4)(2j * math.pi))
+    assert abs(late / exact(np.array([1.0]))[0] - 1.0) < 0.02
+    assert found.plot.mismatch().axes
+    with pytest.raises(fid.InputError, match="no transfer function is fitted"):
+        found.to_transfer_function("c")
+    with pytest.raises(fid.InputError, match="no transfer function is fitted"):
+        found.plot.mismatch(1)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--fit", "pich"], "there is no form 'pich'"),
+        (["--fit", "2/1"], "orders 2 and 1"),
+        (["--fit", "c=roll"], "there is no output 'c'"),
+        (["--fit", "roll", "--fit", "pitch"], "two forms for b"),
+        (["--fix", "delay=0"], "--fix: no form is named"),
+        (["--shared-poles"], "--shared-poles: no form is named"),
+        (["--fit", "roll", "--fix", "delay"], "fixes nothing"),
+        (["--fit", "roll", "--fix", "zeta=1"], "no form has a parameter 'zeta'"),
+        (["--fit", "0/1", "--fix", "a0=1", "--fix", "b0=1", "--fix", "delay=0"], "nothing is free"),
+    ],
+)
+def test_bad_fits_are_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
+    time, target, rate = chirp_flight()
+    path = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8])
+    out = tmp_path / "bode"
+    assert typed("response", path, "--input", "a", "--output", "b", *words, "--out", out) == 2
     shown = capsys.readouterr()
     assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err
     assert not out.exists()

@@ -93,7 +93,7 @@ def test_bands_hold_the_truth_over_two_hundred_seeds(kind: str) -> None:
 
 
 def test_feedback_biases_the_direct_estimate_and_not_the_joint_one() -> None:
-    apart = {"joint": [], "direct": []}
+    apart: dict[str, list[np.ndarray]] = {"joint": [], "direct": []}
     for seed in range(12):
         joint = flight("feedback", seed, noise=1.0)
         direct = Signals(STEP, joint.inputs, joint.outputs)
@@ -155,7 +155,9 @@ def test_tapers_are_those_of_riedel_and_sidorenko() -> None:
 
 
 def test_inner_products_of_windows_of_several_lengths() -> None:
-    found = hann_segments([np.zeros((1, 640)), np.zeros((1, 640))], STEP, [6.4, 3.2], np.array([2.0]))
+    found = hann_segments(
+        [np.zeros((1, 640)), np.zeros((1, 640))], STEP, [6.4, 3.2], np.array([2.0])
+    )
     windows = []
     for record in range(2):
         for size in (320, 160):
@@ -263,7 +265,9 @@ def test_a_pure_delay() -> None:
     rng = np.random.default_rng(4)
     x = signal.lfilter(*signal.butter(2, 0.2), rng.standard_normal(10000))
     y = np.concatenate([np.zeros(7), x[:-7]])
-    found = estimate_responses([Signals(STEP, x[None], y[None])], GRID, Spectra(window_lengths([200.0])))
+    found = estimate_responses(
+        [Signals(STEP, x[None], y[None])], GRID, Spectra(window_lengths([200.0]))
+    )
     exact = np.exp(-2j * math.pi * GRID * 7 * STEP)
     assert np.max(np.abs(found.response[0, 0] - exact)) < 0.01
     np.testing.assert_allclose(found.phase()[0, 0], -2.0 * math.pi * GRID * 7 * STEP, atol=0.01)
@@ -273,12 +277,18 @@ def test_the_usable_band_ends_where_the_noise_begins() -> None:
     rng = np.random.default_rng(9)
     x = rng.standard_normal(30000)
     y = signal.lfilter(*signal.butter(4, 2.0 * STEP * 2.0), x) + 0.3 * rng.standard_normal(30000)
-    found = estimate_responses([Signals(STEP, x[None], y[None])], frequencies(0.1, 10.0), Spectra(window_lengths([600.0])))
+    found = estimate_responses(
+        [Signals(STEP, x[None], y[None])], frequencies(0.1, 10.0), Spectra(window_lengths([600.0]))
+    )
     # Coherence 0.6 where the power of the answer is 1.5 that of the noise.
     w, h = signal.freqz(*signal.butter(4, 2.0 * STEP * 2.0), 8000, fs=1 / STEP)
     edge = w[np.flatnonzero(np.abs(h) ** 2 >= 1.5 * 0.09)[-1]]
     band = found.bands()[0][0]
-    assert band is not None and band[0] == pytest.approx(0.1) and band[1] == pytest.approx(edge, rel=0.1)
+    assert (
+        band is not None
+        and band[0] == pytest.approx(0.1)
+        and band[1] == pytest.approx(edge, rel=0.1)
+    )
 
 
 def test_the_band_of_an_input() -> None:
@@ -299,6 +309,11 @@ def test_refusals(wrong: str) -> None:
         records = [Signals(STEP, one.inputs, one.outputs, np.concatenate([one.inputs] * 2))]
     else:
         spectra = Spectra((100.0,) if wrong == "windows" else (10.0,))
-    said = {"rates": "rates differ", "references": "2 references", "windows": "no window is as short", "low": "0.05 Hz"}
+    said = {
+        "rates": "rates differ",
+        "references": "2 references",
+        "windows": "no window is as short",
+        "low": "0.05 Hz",
+    }
     with pytest.raises(RecordError, match=said[wrong]):
         estimate_responses(records, GRID if wrong == "low" else GRID[20:], spectra)
