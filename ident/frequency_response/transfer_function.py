@@ -179,6 +179,7 @@ class FittedResponse:
     name : of the response. form : of the function. values : all parameters.
     std, insensitivity : standard deviation of the free ones, and with the others held.
     cost : Tischler's J. numerator, denominator : highest power first.
+    covariance : of the free parameters, in the order of ``std``.
     """
 
     name: str
@@ -189,6 +190,7 @@ class FittedResponse:
     cost: float
     numerator: np.ndarray
     denominator: np.ndarray
+    covariance: np.ndarray
 
     def response(self, omega: np.ndarray) -> np.ndarray:
         """Complex response at ``omega``, rad/s."""
@@ -334,7 +336,8 @@ class _Problem:
         )
         covariance = self.noise()
         gains = inverse @ slopes.T
-        spread = np.sqrt(np.maximum(np.einsum("ir,rs,is->i", gains, covariance, gains), 0.0))
+        parameters = gains @ covariance @ gains.T
+        spread = np.sqrt(np.maximum(np.diag(parameters), 0.0))
         alone = slopes.T / np.maximum(np.diag(normal), 1e-300)[:, None]
         held = np.sqrt(np.maximum(np.einsum("ir,rs,is->i", alone, covariance, alone), 0.0))
         values = self.values(p)
@@ -357,6 +360,7 @@ class _Problem:
                     mismatch_cost(target.response, model, target.coherence),
                     top,
                     bottom,
+                    parameters[np.ix_(list(own.values()), list(own.values()))],
                 )
             )
         cost = float(np.mean([each.cost for each in functions]))
