@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from scenarios.api.plot import (
+    bandwidth,
     correlation,
     derivatives,
     evidence,
@@ -20,6 +21,7 @@ from scenarios.api.plot import (
 )
 
 __all__ = [
+    "bandwidth",
     "correlation",
     "derivatives",
     "evidence",

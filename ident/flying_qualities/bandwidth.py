@@ -64,8 +64,10 @@ class Bandwidth:
 
 
 @dataclass(frozen=True, eq=False)
-class _Curve:
-    """Gain in dB and phase in deg of an attitude over rad/s, with deviations of each."""
+class AttitudeCurve:
+    """Gain in dB and phase in deg of an attitude over rad/s, with deviations of each, ``(F,)``.
+
+    ``length`` : s, effective one of the windows."""
 
     omega: np.ndarray
     gain: np.ndarray
@@ -82,7 +84,7 @@ def attitude_bandwidth(target: Target, *, rate: bool) -> Bandwidth:
     correlated between neighbours as the windows are. ``rate`` : the output is a rate, which is
     integrated. A response of negative sign is turned.
     """
-    curve = _attitude(target, rate=rate)
+    curve = attitude_curve(target, rate=rate)
     notes: list[str] = []
     band = f"the usable band ends at {curve.omega[-1]:.3g} rad/s"
     neutral = _crossing(curve, curve.phase, curve.phase_std, NEUTRAL, 0.0)
@@ -122,7 +124,9 @@ def dropback(function: FittedResponse) -> Quantity | None:
     return _propagated(function, value)
 
 
-def _propagated(function: FittedResponse, value: Callable[[dict[str, float]], float]) -> Quantity | None:
+def _propagated(
+    function: FittedResponse, value: Callable[[dict[str, float]], float]
+) -> Quantity | None:
     p = dict(function.values)
     if not all(abs(p[name]) > 1e-9 for name in ("inv_T_theta2", "frequency")):
         return None
@@ -135,18 +139,22 @@ def _propagated(function: FittedResponse, value: Callable[[dict[str, float]], fl
     return Quantity(value(p), math.sqrt(max(float(row @ function.covariance @ row), 0.0)))
 
 
-def _attitude(target: Target, *, rate: bool) -> _Curve:
+def attitude_curve(target: Target, *, rate: bool) -> AttitudeCurve:
+    """The attitude response of a target. ``rate`` : it is that of a rate, which is integrated. Half
+    turns are added until the phase begins near -60 deg."""
     omega = target.omega
     response = target.response / (1j * omega) if rate else target.response
     phase = np.degrees(np.unwrap(np.angle(response)))
     phase -= 180.0 * np.round((phase[0] - _NEAR) / 180.0)
     share = target.std / np.abs(target.response)
     gain = 20.0 * np.log10(np.abs(response))
-    return _Curve(omega, gain, phase, 20.0 / math.log(10.0) * share, np.degrees(share), target.length)
+    return AttitudeCurve(
+        omega, gain, phase, 20.0 / math.log(10.0) * share, np.degrees(share), target.length
+    )
 
 
 def _crossing(
-    curve: _Curve,
+    curve: AttitudeCurve,
     values: np.ndarray,
     std: np.ndarray,
     level: float,
@@ -173,7 +181,7 @@ def _crossing(
 
 
 def _line(
-    curve: _Curve, values: np.ndarray, std: np.ndarray, at: float
+    curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float
 ) -> tuple[float, float, float]:
     """Value, slope by ln(omega) and deviation of the value, of a parabola about ``at``."""
     x = np.log(curve.omega / at)
@@ -186,7 +194,7 @@ def _line(
     return float(found[0]), float(found[1]), math.sqrt(max(float(covariance[0, 0]), 0.0))
 
 
-def _phase_delay(curve: _Curve, neutral: float) -> Quantity:
+def _phase_delay(curve: AttitudeCurve, neutral: float) -> Quantity:
     """Half of the slope of the phase, rad over rad/s, by the straight line through it between the
     frequency of -180 deg and twice that, evenly weighted; the phase is joined by lines."""
     first = max(int(np.searchsorted(curve.omega, neutral)) - 1, 0)
@@ -201,7 +209,7 @@ def _phase_delay(curve: _Curve, neutral: float) -> Quantity:
     return Quantity(-half * slope, half * math.sqrt(max(float(covariance[1, 1]), 0.0)))
 
 
-def _shared(curve: _Curve, std: np.ndarray, places: np.ndarray) -> np.ndarray:
+def _shared(curve: AttitudeCurve, std: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Covariance of errors that neighbours share."""
     apart = np.subtract.outer(curve.omega[places], curve.omega[places]) / (2.0 * math.pi)
     return neighbour_correlation(apart * curve.length) * np.outer(std, std)

@@ -89,6 +89,13 @@ def mismatch(found: Responding, number: int = 0) -> Figure:
     return shown(figure_mismatch(found.details, row, column))
 
 
+def bandwidth(found: Responding, number: int = 0) -> Figure:
+    """An attitude response with its bandwidths and phase delay; ``number`` counts those that have one from 0."""
+    from scenarios.plots.responses import figure_bandwidth
+
+    return shown(figure_bandwidth(found.details, number))
+
+
 def record(given: Recorded) -> Figure:
     """Inputs and outputs against time, angles in degrees."""
     from scenarios.plots.signals import figure_record

@@ -100,6 +100,14 @@ class FrequencyResponse:
         """The responses as python-control's, with the names of the signals, rad/s."""
         return self.details.to_control()
 
+    @property
+    def flying_qualities(self) -> dict[str, dict[str, tuple[float, float]]]:
+        """Value and standard deviation of every flying quality by response, ``"q/stick"``."""
+        return {
+            each.name: {name: (one.value, one.std) for name, (one, _) in each.numbers.items()}
+            for each in self.details.qualities
+        }
+
     def to_transfer_function(
         self, output: str | None = None, input: str | None = None, pade: int = 2
     ) -> control.TransferFunction:
@@ -146,8 +154,8 @@ class FrequencyResponse:
 
     @property
     def plot(self) -> plot.Figures:
-        """Figures of this result: ``found.plot.response()``, ``found.plot.mismatch()``."""
-        return plot.Figures(self, plot.response, plot.mismatch)
+        """Figures of this result: ``found.plot.response()``, ``mismatch()``, ``bandwidth()``."""
+        return plot.Figures(self, plot.response, plot.mismatch, plot.bandwidth)
 
     def __repr__(self) -> str:
         some = ", ".join(f"{output}/{one}" for output in self.outputs for one in self.inputs)
@@ -187,6 +195,7 @@ def frequency_response(
     fit: str | Sequence[str] | Mapping[str, str] = (),
     fix: Mapping[str, float] | None = None,
     shared_poles: bool = False,
+    bandwidth: str | None = None,
 ) -> FrequencyResponse:
     """Estimate frequency responses from records: ``flightid response`` in Python.
 
@@ -203,6 +212,7 @@ def frequency_response(
     fit : form of a transfer function for every output, or ``{output: form}``: ``"pitch"``,
         ``"roll"``, ``"dutch-roll"``, ``"roll-and-dutch-roll"``, or orders such as ``"1/2"``.
     fix : parameters of the forms that are held. shared_poles : one denominator for all.
+    bandwidth : ``"rate"`` or ``"attitude"``, what the outputs are: gives bandwidth and phase delay.
 
     Raises
     ------
@@ -216,7 +226,7 @@ def frequency_response(
     forms = tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else _names(fit)
     held = tuple(f"{name}={float(value)!r}" for name, value in (fix or {}).items())
     wanted = FitOptions(forms, held, shared_poles)
-    return FrequencyResponse(analysis.responses_of(request, names, options, wanted))
+    return FrequencyResponse(analysis.responses_of(request, names, options, wanted, bandwidth))
 
 
 def _names(given: str | Sequence[str]) -> tuple[str, ...]:

@@ -20,15 +20,16 @@ def respond(
     names: tuple[Texts, Texts, Texts],
     options: tuple[tuple[float, float] | None, tuple[float, ...], int, float],
     fit: tuple[Texts, Texts, bool],
+    bandwidth: str | None,
     out: Path | None,
     figures: Formats,
 ) -> None:
     """Read, estimate, write the folder, print.
 
     ``names`` : inputs, outputs, references. ``options`` : band, windows, tapers, least coherence.
-    ``fit`` : forms, fixed parameters, shared poles.
+    ``fit`` : forms, fixed parameters, shared poles. ``bandwidth`` : rate or attitude, what the outputs are.
     """
-    found = responses_of(request, Names(*names), Options(*options), FitOptions(*fit))
+    found = responses_of(request, Names(*names), Options(*options), FitOptions(*fit), bandwidth)
     if out is not None:
         from scenarios.responses.files import write_responses
 

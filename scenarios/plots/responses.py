@@ -52,6 +52,8 @@ class Estimated(Protocol):
     def simulated(self) -> bool: ...
     @property
     def fits(self) -> Any: ...
+    @property
+    def qualities(self) -> Any: ...
     def unit(self, output: str, one: str) -> str: ...
 
 
@@ -147,6 +149,58 @@ def figure_mismatch(estimate: Estimated, row: int = 0, column: int = 0) -> Figur
         sheet,
         f"{function.name}: mismatch of {function.form.name}\n{data}; cost {function.cost:.3g}",
     )
+
+
+def figure_bandwidth(estimate: Estimated, number: int = 0) -> Figure:
+    """The attitude response of one entry of the flying qualities, with its bandwidths and the phase
+    delay marked. Raises DeclarationError where no bandwidth was asked for."""
+    curves = [each for each in estimate.qualities if each.curve is not None]
+    if not 0 <= number < len(curves):
+        remedy = "say what the outputs are (bandwidth), rate or attitude"
+        raise DeclarationError("there is no bandwidth to draw", where="bandwidth", remedy=remedy)
+    one = curves[number]
+    curve, found = one.curve, one.bandwidth
+    sheet = make_sheet([1.6, 1.6], row_gap=0.14)
+    size, angle = sheet.panels
+    for panel, value, std in (
+        (size, curve.gain, curve.gain_std),
+        (angle, curve.phase, curve.phase_std),
+    ):
+        half = np.minimum(1.96 * std, _MOST)
+        panel.fill_between(
+            curve.omega, value - half, value + half, color=SKY, alpha=0.45, linewidth=0
+        )
+        panel.plot(curve.omega, value, color=BLUE, linewidth=1.2, label="attitude")
+        panel.set_xscale("log")
+        panel.set_xlim(float(curve.omega[0]), float(curve.omega[-1]))
+        _limits(panel, value)
+        for each, colour, label in (
+            (found.phase, VERMILION, "phase bandwidth"),
+            (found.gain, ORANGE, "gain bandwidth"),
+            (found.neutral, BLACK, "-180 deg"),
+        ):
+            if each is not None:
+                panel.axvspan(
+                    each.value - 1.96 * each.std,
+                    each.value + 1.96 * each.std,
+                    color=colour,
+                    alpha=0.25,
+                    linewidth=0.0,
+                )
+                panel.axvline(each.value, color=colour, linewidth=1.0, label=label)
+    for level in (-135.0, -180.0):
+        angle.axhline(level, color=GREY, linewidth=0.7, linestyle=":")
+    if found.delay is not None:
+        ends = np.array([1.0, 2.0]) * found.neutral.value
+        fall = np.degrees(2.0 * found.delay.value * (ends - ends[0]))
+        line: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
+        angle.plot(ends, -180.0 - fall, linestyle="--", label="phase delay", **line)
+    decades(angle.xaxis, (1.0, 2.0, 5.0))
+    y_label(size, "gain (dB)")
+    y_label(angle, "phase (deg)")
+    angle.set_xlabel("frequency (rad/s)", fontsize=LABEL_SIZE)
+    data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
+    return finish(sheet, f"{one.name}: bandwidth\n{data}; spans: 95 %")
 
 
 def _decibels(response: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -27,6 +27,7 @@ from scenarios.files.measured.record_file import identities, read_record_files, 
 from scenarios.files.sources import InputFile
 from scenarios.preparation.request import Request, column_choices
 from scenarios.responses.fitting import FitOptions, Fits, fit_cautions, fits_of
+from scenarios.responses.qualities import Qualities, qualities_of, refuse_kind
 from scenarios.responses.reading import Names, ReadSignals, read_signals
 from sim.errors import DeclarationError
 from sim.record import Hold
@@ -93,6 +94,7 @@ class Responses:
     direct : the direct estimate besides, where references are named.
     rate : Hz, of the samples that were used. notes : what was done. cautions : what a user should
         know. simulated : a program made all records. fits : transfer functions of the responses.
+    qualities : flying qualities of the responses.
     """
 
     identities: tuple[InputFile, ...]
@@ -107,6 +109,7 @@ class Responses:
     cautions: tuple[str, ...]
     simulated: bool
     fits: Fits | None = None
+    qualities: tuple[Qualities, ...] = ()
 
     def unit(self, output: str, one: str) -> str:
         """Unit of a response, ``"deg/s per deg"``; empty where neither signal has one."""
@@ -133,14 +136,22 @@ class Responses:
 
 
 def responses_of(
-    request: Request, names: Names, options: Options, fit: FitOptions | None = None
+    request: Request,
+    names: Names,
+    options: Options,
+    fit: FitOptions | None = None,
+    bandwidth: str | None = None,
 ) -> Responses:
     """Estimate the responses of the records of a request, pooled.
+
+    ``fit`` : transfer functions. ``bandwidth`` : what the outputs are, ``"rate"`` or ``"attitude"``,
+    for bandwidth and phase delay.
 
     Raises
     ------
     FlightidError : anything in files or options that keeps them from being used, in one line.
     """
+    refuse_kind(bandwidth)
     refuse_twice(request.records)
     files = read_record_files(request.records)
     known = (*names.inputs, *names.outputs, *names.references)
@@ -162,6 +173,7 @@ def responses_of(
         (*cautions_of(found, direct, names), *fit_cautions(fits)),
         all(file.sidecar.simulated for file in files),
         fits,
+        qualities_of(found, names, bandwidth, fits),
     )
 
 

@@ -52,6 +52,16 @@ def write_responses(found: Responses, folder: str | Path, *, figures: Formats = 
                     for n, (row, column, _) in enumerate(pairs(found), start=1)
                     if (place := (row, column)) in found.fits.places
                 ]
+            if any(each.curve is not None for each in found.qualities):
+                from scenarios.plots.responses import figure_bandwidth
+
+                named += [
+                    (
+                        f"bandwidth_{n}" if several else "bandwidth",
+                        partial(figure_bandwidth, found, n - 1),
+                    )
+                    for n in range(1, len(found.qualities) + 1)
+                ]
             drawn = drawn_for_page(named, scratch, figures)
         write_text(scratch / TABLE, responses_csv(found))
         write_page(scratch, responses_page(found, drawn))
@@ -139,6 +149,7 @@ def responses_content(found: Responses) -> dict[str, Any]:
             "detrended": "linear",
             "least_coherence": one.spectra.least_coherence,
         },
+        **({"flying_qualities": _qualities_content(found)} if found.qualities else {}),
         "parts": [{"name": name, "duration_s": duration} for name, duration in parts],
         "responses": responses,
         **({"fits": _fits_content(found, found.fits)} if found.fits is not None else {}),
@@ -195,3 +206,18 @@ def _fits_content(found: Responses, fits: Fits) -> dict[str, Any]:
         "shared": list(fits.fit.shared),
         "functions": functions,
     }
+
+
+def _qualities_content(found: Responses) -> list[dict[str, Any]]:
+    return [
+        {
+            "output": found.names.outputs[each.place[0]],
+            "input": found.names.inputs[each.place[1]],
+            **{
+                name: {"value": number.value, "std": number.std, "unit": unit}
+                for name, (number, unit) in each.numbers.items()
+            },
+            "notes": list(each.bandwidth.notes) if each.bandwidth is not None else [],
+        }
+        for each in found.qualities
+    ]

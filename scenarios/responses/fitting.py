@@ -135,17 +135,7 @@ def fits_of(found: FrequencyResponses, names: Names, options: FitOptions) -> Fit
             if not usable.any():
                 what = f"no usable band of {output}/{one} to fit"
                 raise RecordError(what, where="--fit", remedy="lower --coherence, or leave it out")
-            likeness = found.coherence[row] if found.joint else found.partial_coherence[row, column]
-            targets.append(
-                Target(
-                    f"{output}/{one}",
-                    2.0 * math.pi * found.frequency[usable],
-                    found.response[row, column][usable],
-                    likeness[usable],
-                    found.std[row, column][usable],
-                    float(np.median(found.lengths[row][usable])),
-                )
-            )
+            targets.append(target_of(found, (row, column), f"{output}/{one}"))
             places.append((row, column))
             forms.append(form_of(by_output[output]))
     try:
@@ -160,6 +150,20 @@ def fits_of(found: FrequencyResponses, names: Names, options: FitOptions) -> Fit
         for place, function in zip(places, fit.functions, strict=True)
     )
     return Fits(fit, tuple(places), each)
+
+
+def target_of(found: FrequencyResponses, place: tuple[int, int], name: str) -> Target:
+    """The usable band of a response, as it is fitted."""
+    usable = found.usable[place]
+    likeness = found.coherence[place[0]] if found.joint else found.partial_coherence[place]
+    return Target(
+        name,
+        2.0 * math.pi * found.frequency[usable],
+        found.response[place][usable],
+        likeness[usable],
+        found.std[place][usable],
+        float(np.median(found.lengths[place[0]][usable])),
+    )
 
 
 def _by_output(forms: Sequence[str], outputs: Sequence[str]) -> Mapping[str, str]:

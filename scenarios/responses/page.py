@@ -17,6 +17,7 @@ from scenarios.responses.text import (
     fit_columns,
     fit_lines,
     name_pair,
+    quality_lines,
     responses_summary,
     table_columns,
 )
@@ -73,6 +74,7 @@ def responses_page(found: Responses, drawn: Sequence[Drawn] = ()) -> Page:
         sections=(
             *section("Bode diagrams", *figures(drawn)),
             *section("Transfer functions", *functions),
+            *section("Flying qualities", Bullets(tuple(map(sentence, quality_lines(found))))),
             *section("Numbers", *tables),
             *section("How they were estimated", Bullets(tuple(map(sentence, found.notes)))),
             *section("How the numbers are read", Bullets(READING)),

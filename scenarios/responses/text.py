@@ -29,12 +29,19 @@ def print_responses(found: Responses, out: Console | None = None, details: str =
         unit = found.unit(*name_pair(found, row, column))
         title = f"{name}{f', {unit}' if unit else ''}: {band_sentence(found, row, column)}"
         print_table(out, title, table_columns(found, row, column))
+    for line in quality_lines(found):
+        print_paragraph(out, line, indent=0)
     for row, column, _ in pairs(found):
         for line in fit_lines(found, row, column):
             print_paragraph(out, line, indent=0)
         columns = fit_columns(found, row, column)
         if columns:
             print_table(out, "", columns)
+
+
+def quality_lines(found: Responses) -> list[str]:
+    """Flying qualities, one sentence each."""
+    return [line for each in found.qualities for line in each.lines]
 
 
 def name_pair(found: Responses, row: int, column: int) -> tuple[str, str]:

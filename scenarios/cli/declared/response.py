@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from scenarios.cli.completion import of
 from scenarios.cli.options import (
     AsJson,
     Channels,
@@ -72,6 +73,15 @@ Fix = Annotated[
     ),
 ]
 Shared = Annotated[bool, typer.Option("--shared-poles", help="One denominator for all responses.")]
+Bandwidth = Annotated[
+    str | None,
+    typer.Option(
+        "--bandwidth",
+        metavar="KIND",
+        autocompletion=of("rate", "attitude"),
+        help="Bandwidth and phase delay of outputs that are a rate or an attitude.",
+    ),
+]
 Coherence = Annotated[
     float, typer.Option("--coherence", metavar="C", help="Least coherence of the usable band.")
 ]
@@ -98,6 +108,7 @@ def response(
     fit: Fit = None,
     fix: Fix = None,
     shared_poles: Shared = False,
+    bandwidth: Bandwidth = None,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -123,6 +134,7 @@ def response(
             (tuple(inputs or ()), tuple(outputs or ()), tuple(references or ())),
             (band, tuple(window or ()), tapers, coherence),
             (tuple(fit or ()), tuple(fix or ()), shared_poles),
+            bandwidth,
             told.out,
             told.figures,
         )

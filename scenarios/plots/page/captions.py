@@ -45,6 +45,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "flight": "The whole flight: inputs and motion, maneuvers with their numbers, trim points grey",
         "response": "Magnitude, phase and coherence over frequency, with 95 % bands; grey: outside the usable band",
         "mismatch": "The estimated response over the fitted one, between the envelopes of dynamics that a pilot does not notice",
+        "bandwidth": "The attitude response with its phase and gain bandwidth and its phase delay, spans of 95 %",
         "watched": "Parameters while the stream arrived",
     }
 )

@@ -299,3 +299,26 @@ def test_bad_fits_are_one_line(
     shown = capsys.readouterr()
     assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err
     assert not out.exists()
+
+
+def test_flying_qualities_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, out = write_log(tmp_path), tmp_path / "roll"
+    signals = ("--input", "SIDD.Targ", "--output", "SIDD.Gx")
+    assert typed("response", log, *signals, "--bandwidth", "rate", "--out", out) == 0
+    printed = capsys.readouterr().out
+    assert "phase bandwidth" in printed and "no phase delay" in printed
+    (one,) = json.loads((out / "responses.json").read_text())["flying_qualities"]
+    omega = one["phase_bandwidth"]["value"]
+    attitude = np.degrees(np.angle(exact(np.array([omega / (2.0 * math.pi)])) / (1j * omega)))
+    assert attitude[0] == pytest.approx(-135.0, abs=1.0)
+    assert (out / "bandwidth.png").is_file() and "Flying qualities" in (
+        out / "report.html"
+    ).read_text()
+    found = fid.frequency_response(log, "SIDD.Targ", "SIDD.Gx", bandwidth="rate")
+    name, qualities = found.flying_qualities.popitem()
+    assert name == "SIDD.Gx/SIDD.Targ" and qualities["phase_bandwidth"][0] == omega
+    assert found.plot.bandwidth().axes
+    with pytest.raises(fid.InputError, match="no bandwidth to draw"):
+        fid.frequency_response(log, "SIDD.Targ", "SIDD.Gx").plot.bandwidth()
+    assert typed("response", log, *signals, "--bandwidth", "speed") == 2
+    assert "there is no kind 'speed'" in capsys.readouterr().err
