@@ -29,12 +29,13 @@ from scenarios.preparation.request import Request, column_choices
 from scenarios.responses.fitting import FitOptions, Fits, fit_cautions, fits_of
 from scenarios.responses.qualities import Qualities, qualities_of, refuse_kind
 from scenarios.responses.reading import Names, ReadSignals, read_signals
-from sim.errors import DeclarationError
+from sim.errors import DeclarationError, RecordError
 from sim.record import Hold
 
 if TYPE_CHECKING:
     import control
 
+PROPORTIONAL = 0.9999  # median coherence of an input with the others, above which nothing is left
 CORRELATED = 0.5  # mean coherence of an input with the others, from which a caution says so
 DISAGREE = 0.1  # share of the usable band in which direct and joint estimate differ beyond 95 %
 # Of the joint estimate's variance, what that of the difference has at least. Measured over 87 records
@@ -159,6 +160,7 @@ def responses_of(
     chosen = column_choices(request, (*CHANNEL_UNITS, *words))
     read = read_signals(files, names, request.plan, chosen)
     found, direct, step, notes = estimated(read, options)
+    _refuse_proportional(found, names)
     fits = fits_of(found, names, fit or FitOptions())
     return Responses(
         identities(files),
@@ -175,6 +177,17 @@ def responses_of(
         fits,
         qualities_of(found, names, bandwidth, fits),
     )
+
+
+def _refuse_proportional(found: FrequencyResponses, names: Names) -> None:
+    """Raise RecordError where an input says nothing that the other inputs do not."""
+    if found.joint or len(names.inputs) < 2:
+        return
+    for one, coherence in zip(names.inputs, found.input_coherence, strict=True):
+        if float(np.median(coherence)) > PROPORTIONAL:
+            what = f"{one} follows from the other inputs at every frequency"
+            remedy = "leave one of them out; their responses cannot be separated"
+            raise RecordError(what, where="--input", remedy=remedy)
 
 
 def estimated(

@@ -104,6 +104,7 @@ def read_signals(
                 notes += [sentence] if sentence else []
                 records.append(part)
     step = float(np.median(np.diff(records[0].time)))
+    _refuse_other_kinds(records, step)
     signals = []
     for record in records:
         even, said = _even(record, step)
@@ -120,6 +121,27 @@ def read_signals(
         step,
         tuple(dict.fromkeys(notes)),
     )
+
+
+def _refuse_other_kinds(records: Sequence[Record], step: float) -> None:
+    """Raise RecordError where records have another rate or other units than the first."""
+    for record in records[1:]:
+        own = float(np.median(np.diff(record.time)))
+        if abs(own / step - 1.0) > EVEN:
+            what = f"{1.0 / own:.4g} samples a second, and {1.0 / step:.4g} in {records[0].name}"
+            remedy = "resample all records with --rate HZ"
+            raise RecordError(what, where=record.name, remedy=remedy)
+        for channel in record.channels:
+            first = records[0][channel.name].unit
+            if channel.unit != first:
+                what = (
+                    f"{channel.name} is in {channel.unit or 'no unit'}, and in {first or 'no unit'}"
+                )
+                raise RecordError(
+                    f"{what} in {records[0].name}",
+                    where=record.name,
+                    remedy="give all records the same units, or a channel map",
+                )
 
 
 def _read(

@@ -322,3 +322,24 @@ def test_flying_qualities_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixtu
         fid.frequency_response(log, "SIDD.Targ", "SIDD.Gx").plot.bandwidth()
     assert typed("response", log, *signals, "--bandwidth", "speed") == 2
     assert "there is no kind 'speed'" in capsys.readouterr().err
+
+
+def test_records_of_a_call_are_of_one_kind(tmp_path: Path) -> None:
+    time, target, rate = chirp_flight()
+    first = write_csv(tmp_path, "one.csv", time=time[::8], a=target[::8], b=rate[::8])
+    slow = write_csv(tmp_path, "slow.csv", time=time[::16], a=target[::16], b=rate[::16])
+    with pytest.raises(fid.InputError, match=r"25 samples a second, and 50 in one.csv.*--rate"):
+        fid.frequency_response([first, slow], "a", "b", band=(0.2, 5.0))
+    both = fid.frequency_response([first, slow], "a", "b", band=(0.2, 5.0), rate=20.0)
+    assert len(both.to_dict()["parts"]) == 2
+    other = tmp_path / "other.csv"
+    other.write_text(first.read_text().replace("time,a,b", "time,a,b [deg/s]", 1))
+    with pytest.raises(fid.InputError, match=r"b is in deg/s, and in no unit in one.csv"):
+        fid.frequency_response([first, other], "a", "b", band=(0.2, 5.0))
+
+
+def test_proportional_inputs_are_refused(tmp_path: Path) -> None:
+    time, target, rate = chirp_flight()
+    path = write_csv(tmp_path, time=time[::8], a=target[::8], twice=2.0 * target[::8], b=rate[::8])
+    with pytest.raises(fid.InputError, match="follows from the other inputs"):
+        fid.frequency_response(path, ["a", "twice"], "b", band=(0.2, 5.0))
