@@ -105,7 +105,7 @@ def figure_response(estimate: Estimated, row: int = 0, column: int = 0) -> Figur
     unit = estimate.unit(output, one)
     y_label(size, f"magnitude (dB{f' of {unit}' if unit else ''})")
     y_label(angle, "phase (deg)")
-    y_label(likeness, "coherence")
+    y_label(likeness, "coherence (–)")
     likeness.set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
     data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
     return finish(sheet, f"{output} / {one}\n{data}; grey: outside the usable band")
