@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.frequency_response.segments import sine_segments
 from sim.declaration.system import System
 from sim.errors import ModelError, RecordError
 from sim.maths.elementary import complex_step_jacobian
@@ -91,24 +92,22 @@ def estimate_response(
             where=f"{record.name}, channel {input_name}",
             remedy="choose a window with a maneuver",
         )
-    n, orders = np.arange(1, count + 1), np.arange(1, tapers + 1)[:, None]
-    windows = math.sqrt(2.0 / (count + 1)) * np.sin(math.pi * orders * n / (count + 1))
-    size = _PADDING * count
+    omega = 2.0 * math.pi * np.fft.rfftfreq(_PADDING * count, step)
+    omega = omega[(omega >= low) & (omega <= high)]
+    if not omega.size:
+        what = f"no frequency between {low:g} and {high:g} rad/s"
+        raise RecordError(what, where=record.name, remedy="give a longer record")
     u, y = u - u.mean(), y - y.mean(axis=1, keepdims=True)
-    omega = 2.0 * math.pi * np.fft.rfftfreq(size, step)
-    U, Y = np.fft.rfft(windows * u, size), np.empty((len(names), tapers, omega.size), dtype=complex)
-    for i, row in enumerate(y):
-        lag = _lag(u, row, round(_LATEST / step))
-        aligned = np.concatenate([row[lag:], np.full(lag, row[-1])])
-        Y[i] = np.fft.rfft(windows * aligned, size) * np.exp(-1j * omega * step * lag)
-    keep = (omega >= low) & (omega <= high)
-    if not keep.any():
-        raise RecordError(
-            f"no frequency between {low:g} and {high:g} rad/s",
-            where=record.name,
-            remedy="give a longer record",
-        )
-    U, Y, omega = U[:, keep], Y[:, :, keep], omega[keep]
+    lags = [_lag(u, row, round(_LATEST / step)) for row in y]
+    aligned = [
+        np.concatenate([row[lag:], np.full(lag, row[-1])]) for row, lag in zip(y, lags, strict=True)
+    ]
+    hertz = omega / (2.0 * math.pi)
+    rows = sine_segments([np.array([u, *aligned])], step, tapers, hertz, derivatives=0).transforms[
+        :, 0
+    ]
+    late = np.exp(-1j * omega * step * np.array(lags)[:, None])
+    U, Y = rows[0], rows[1:] * late[:, None, :]
     Suu, Syy = (np.abs(U) ** 2).mean(axis=0), (np.abs(Y) ** 2).mean(axis=1)
     Syu = (Y * np.conj(U)).mean(axis=1)
     coherence = np.abs(Syu) ** 2 / np.maximum(Suu * Syy, np.finfo(float).tiny)
