@@ -26,6 +26,7 @@ LEAST_COHERENCE = 0.6  # Tischler and Remple's limit of a usable response
 DERIVATIVES = 2  # of the window, that the regression takes along
 _SPARE = 4.0  # real degrees of freedom that must be left for the noise
 _DOWN = 4.0  # power of the random error by which a window counts, Tischler and Remple's
+_NUMBERS = 400_000  # regressors that are worked on at a time
 _SIMILAR = 5  # neighbours over which weights and coherence are smoothed
 
 
@@ -291,15 +292,18 @@ def _pooled(
         here = open_ & ((2.0 * (averages - terms * q) >= _SPARE) | (order == 0))
         if not here.any():
             continue
-        z, instruments = (
-            segments.transforms[each, :terms][..., here].reshape(q * terms, -1, here.sum())
-            for each in (inputs, left)
-        )
-        found = regress(y[:, here], z, weights[:, here], segments.overlap, instruments)
         plain = np.arange(q) * terms
-        response[:, here] = found.coefficients[:, plain].T
-        std[:, here] = np.sqrt(np.einsum("fkk->fk", found.covariance).real[:, plain]).T
-        degrees[here] = found.degrees
+        together = max(1, _NUMBERS // (len(y) * q * terms))
+        places = np.flatnonzero(here)
+        for at in (places[n : n + together] for n in range(0, places.size, together)):
+            z, instruments = (
+                segments.transforms[each, :terms][..., at].reshape(q * terms, -1, at.size)
+                for each in (inputs, left)
+            )
+            found = regress(y[:, at], z, weights[:, at], segments.overlap, instruments)
+            response[:, at] = found.coefficients[:, plain].T
+            std[:, at] = np.sqrt(np.einsum("fkk->fk", found.covariance).real[:, plain]).T
+            degrees[at] = found.degrees
         open_ &= ~here
     return response, std, degrees
 

@@ -171,14 +171,19 @@ def _overlap(spans: np.ndarray, owner: np.ndarray) -> csr_array:
     grid = np.arange(OVERLAP * _POINTS) / (OVERLAP * _POINTS)
     shape = 0.5 - 0.5 * np.cos(2.0 * math.pi * grid)
     places, partners, products = [], [], []
+    # Rows of one record and one length follow each other by their starts.
+    edges = np.flatnonzero(np.any(np.diff(np.column_stack([owner, length]), axis=0), axis=1)) + 1
+    groups = list(zip([0, *edges.tolist()], [*edges.tolist(), len(spans)], strict=True))
     for row in range(len(spans)):
         # The shorter window's samples meet every longer or equal window.
-        others = np.flatnonzero(
-            (owner == owner[row])
-            & (length >= length[row])
-            & (start < start[row] + length[row])
-            & (start + length > start[row])
-        )
+        near = []
+        for first, last in groups:
+            if owner[first] != owner[row] or length[first] < length[row]:
+                continue
+            ends = (start[row] - length[first], start[row] + length[row])
+            begin, end = np.searchsorted(start[first:last], ends)
+            near.append(np.arange(first + begin, first + end))
+        others = np.concatenate(near)
         at = start[row] + length[row] * grid
         inside = (at - start[others][:, None]) / length[others][:, None]
         known = (inside > 0.0) & (inside < 1.0)

@@ -207,13 +207,11 @@ def estimated(
             [each for each in windows if each <= max(read.durations)] or windows
         )
     low, high = options.band or input_band(read.signals, lowest)
-    notes = (
-        []
-        if options.band
-        else [
-            f"band {low:.3g} to {high:.3g} Hz: from what the longest window resolves to 99 % of the inputs' power"
-        ]
-    )
+    notes = []
+    if not options.band:
+        begins = "the tapers resolve" if options.tapers else "the longest window resolves"
+        band = f"band {low:.3g} to {high:.3g} Hz"
+        notes.append(f"{band}: from what {begins} to 99 % of the inputs' power")
     if high > 0.45 * rate:
         what, remedy = f"{high:g} Hz is above 0.45 of the rate of {rate:.4g} Hz", "give a lower one"
         raise DeclarationError(what, where="--band", remedy=remedy)
