@@ -317,3 +317,28 @@ def test_refusals(wrong: str) -> None:
     }
     with pytest.raises(RecordError, match=said[wrong]):
         estimate_responses(records, GRID if wrong == "low" else GRID[20:], spectra)
+
+
+def test_two_inputs_with_feedback_and_two_references() -> None:
+    """Both inputs take a share of the output back; the joint estimate separates them."""
+    exact = np.array([truth(SHORT_PERIOD), truth(LAG)])
+    (one, below), (other, lag) = SHORT_PERIOD, LAG
+    first, second, whole = (
+        np.convolve(*each) for each in ((one, lag), (other, below), (below, lag))
+    )
+    closed = whole + 0.3 * first + 0.2 * second
+    hits = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        shape, colour = signal.butter(2, 0.12), signal.butter(1, 0.04)
+        sweeps = signal.lfilter(*shape, rng.standard_normal((2, 15000)))
+        error = 0.3 * signal.lfilter(*colour, rng.standard_normal(15000))
+        y = sum(
+            signal.lfilter(top, closed, x)
+            for top, x in ((first, sweeps[0]), (second, sweeps[1]), (whole, error))
+        )
+        inputs = sweeps - np.outer([0.3, 0.2], y)
+        record = Signals(STEP, inputs, np.asarray(y)[None], sweeps)
+        found = estimate_responses([record], GRID, Spectra(window_lengths([300.0])))
+        hits.append(np.mean(np.abs(found.response[0] - exact) <= found.radius()[0]))
+    assert 0.89 <= np.mean(hits) <= 0.99
