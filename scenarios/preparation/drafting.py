@@ -17,7 +17,7 @@ from scenarios.files.channels import ColumnChoice
 from scenarios.files.formats.topic import Topic
 from scenarios.files.measured.clock import grid_of_coarse_stamps
 from scenarios.files.measured.columns import split_header
-from scenarios.files.measured.derived import clock_of, clock_place, stated_unit
+from scenarios.files.measured.derived import clock_of, clock_place, holds_dates, stated_unit
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.records import read_record
 from scenarios.files.units import to_si
@@ -271,7 +271,7 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
     for each in words.get("expression", ()):
         if all(_has(name, topics) for name in each["needs"]):
             return Guess(channel, ColumnChoice(each["text"]), each["reason"])
-    return _even_column(topics[0]) if channel == TIME and len(topics) == 1 else None
+    return _clock(topics[0]) if channel == TIME and len(topics) == 1 else None
 
 
 def _says_unit(topic: Topic, index: int, channel: str) -> bool:
@@ -281,14 +281,32 @@ def _says_unit(topic: Topic, index: int, channel: str) -> bool:
     return channel == TIME or (said is not None and _converts(said, CHANNEL_UNITS[channel]))
 
 
+def _clock(topic: Topic) -> Guess | None:
+    """The column that every command takes for the clock; else one of dates; else one of even steps."""
+    table = topic.table
+    place = clock_place(table)
+    if place is not None:
+        named = table.header[place]
+        return Guess(TIME, ColumnChoice(named or place + 1), f"named {named}" if named else "the dates of the rows")
+    for index in range(min(len(table.header), 3)):
+        if holds_dates(table.columns[index]):
+            return Guess(TIME, ColumnChoice(index + 1), "holds dates or times of day")
+    return _even_column(topic)
+
+
 def _even_column(topic: Topic) -> Guess | None:
-    """The first column that increases in even steps, as a clock does; a clock may have gaps."""
+    """The first column that increases in even steps, as a clock does; a clock may have gaps.
+
+    A column that counts 0, 1, 2 ... numbers the rows and says nothing of time.
+    """
     for index in range(min(len(topic.table.header), 3)):
         values = _numbers(topic, index)
         if values.size != topic.table.rows.size or values.size < 10 or not np.all(np.diff(values) >= 0.0):
             continue
         steps = np.diff(values)
         usual = float(np.median(steps))
+        if values[0] in (0.0, 1.0) and np.all(steps == 1.0):
+            continue
         odd = np.abs(steps - usual) >= EVEN * usual
         if (np.all(steps[odd] > usual) and np.mean(odd) < GAPS) or grid_of_coarse_stamps(values) is not None:
             return Guess(TIME, ColumnChoice(index + 1), "increases in even steps, as a clock does")

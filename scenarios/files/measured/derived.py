@@ -7,6 +7,7 @@ so that the fit knows its rate; an input is continued between its own samples, h
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -36,6 +37,8 @@ SAME_RATE = 1.5  # ratio of rates below which two topics count as equally fast
 BELOW_HALF = 0.8  # corner of the low-pass, as a share of half the new rate
 ORDER = 4
 SI_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
+NO_NAMES = ("", "index", "unnamed: 0")  # headers of an index that has no name
+FIRST_CELLS = 5  # cells that say whether a column holds dates
 JITTER = 0.1  # of the step, from which an uneven clock is said
 Place = tuple[int, int]  # topic and column
 
@@ -110,11 +113,24 @@ def source_columns(
 
 
 def clock_place(table: Table) -> int | None:
-    """The column that is the clock of a table: ``time`` before other names of clocks; None where there is none."""
+    """The column that is the clock of a table: ``time`` before other names of clocks, before a first
+    column without a name that holds dates, as pandas writes an index; None where there is none."""
     named = [index for index, cell in enumerate(table.header) if is_clock(split_header(cell)[0])]
     first = [index for index in named if split_header(table.header[index])[0].strip().lower() == TIME]
     chosen = first or named
+    if not chosen and table.header and table.header[0].lower() in NO_NAMES and holds_dates(table.columns[0]):
+        return 0
     return chosen[0] if chosen else None
+
+
+def holds_dates(column: Sequence[object] | np.ndarray) -> bool:
+    """Whether a column holds dates, times of day or durations, by its type or its first cells."""
+    if isinstance(column, np.ndarray) and column.dtype.kind in "mM":
+        return True
+    if isinstance(column, np.ndarray) and column.dtype.kind in "fiub":
+        return False
+    filled = [cell for cell in itertools.islice(column, FIRST_CELLS) if cell is not None and str(cell).strip()]
+    return bool(filled) and times_of_texts(filled) is not None
 
 
 def clock_of(table: Table, index: int, unit: str | None = None) -> Clock:
@@ -140,7 +156,7 @@ def clock_of(table: Table, index: int, unit: str | None = None) -> Clock:
     said = unit if unit is not None else stated_unit(table, index)
     values = numbers(table, index).values
     if said in SECONDS or said is None:
-        return seconds_of_counter(values, said)
+        return seconds_of_counter(values, said, f"{table.file}, column {table.header[index]!r}")
     return Clock(np.asarray(to_si(values, said, "s", f"{table.file}, column {table.header[index]!r}")))
 
 
