@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.recording.dropouts import fill_value
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.formats.topic import Topic
@@ -343,6 +344,10 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
     if said is not None and _converts(said, inside):
         return Guess(channel, ColumnChoice(path, said), f"{reason}, in {said}")
     values = _numbers(topic, index)
+    fill = fill_value(values)
+    if fill is not None:
+        reason += f"; {fill:g} is taken as a fill value, for no measurement"
+        values = values[values != fill]
     moves = float(np.max(np.abs(values - np.median(values)))) if values.size else 0.0
     degree = {"rad": "deg", "rad/s": "deg/s"}.get(inside)
     if moves > BEYOND.get(inside, np.inf):

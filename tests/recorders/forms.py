@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import bz2
+import datetime
+import gzip
+import io
+import lzma
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -78,6 +84,57 @@ def _unit_row(folder: Path, columns: Columns) -> Path:
     head, rest = _rows(degrees, "\t").split("\n", 1)
     path.write_text(f"{head}\ns\tdeg\tdeg\tdeg/s\n{rest}")
     return path
+
+
+def _lines(change: Callable[[list[str]], list[str]], mark: str = ",") -> Callable[[Path, Columns], Path]:
+    """The record as text whose lines, the header first, are changed."""
+
+    def write(folder: Path, columns: Columns) -> Path:
+        path = folder / "record.csv"
+        path.write_text("\n".join(change(_rows(columns, mark).splitlines())) + "\n", encoding="utf-8")
+        return path
+
+    return write
+
+
+def _rows_with(change: Callable[[str], str]) -> Callable[[list[str]], list[str]]:
+    return lambda lines: [lines[0], *map(change, lines[1:])]
+
+
+def _packed(suffix: str, pack: Callable[[bytes], bytes]) -> Callable[[Path, Columns], Path]:
+    def write(folder: Path, columns: Columns) -> Path:
+        path = folder / f"record.csv{suffix}"
+        path.write_bytes(pack(_rows(columns, ",").encode()))
+        return path
+
+    return write
+
+
+def _zip(content: bytes) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("flight/record.csv", content)
+    return packed.getvalue()
+
+
+def _day(time: float) -> datetime.datetime:
+    """Of a flight that begins four seconds before midnight."""
+    return datetime.datetime(2025, 2, 28, 23, 59, 56) + datetime.timedelta(microseconds=round(1e6 * time))
+
+
+def _date_index(method: str, suffix: str) -> Callable[[Path, Columns], Path]:
+    """A DataFrame whose index of dates has no name."""
+
+    def write(folder: Path, columns: Columns) -> Path:
+        import pandas
+
+        path = folder / f"record{suffix}"
+        frame = pandas.DataFrame(columns).drop(columns="time")
+        frame.index = pandas.DatetimeIndex([_day(float(time)) for time in columns["time"]])
+        getattr(frame, method)(path)
+        return path
+
+    return write
 
 
 def _no_time(folder: Path, columns: Columns) -> Path:
@@ -224,6 +281,30 @@ FORMS: dict[str, Form] = {
     "iso": Form(_stamps(lambda time: f"2025-03-01T12:00:{time:09.6f}Z"), tolerance=1e-9),
     "hh:mm:ss": Form(_stamps(lambda time: f"12:00:{time:06.3f}"), tolerance=1e-9),
     "irig": Form(_stamps(lambda time: f"060:23:59:{52 + time:06.3f}" if time < 8 else ""), tolerance=1e-9),
+    "month first": Form(_stamps(lambda time: f"{_day(time):%m/%d/%Y %I:%M:%S.%f %p}"), tolerance=1e-9),
+    "day first": Form(_stamps(lambda time: f"{_day(time):%d.%m.%Y %H:%M:%S.%f}"), tolerance=1e-9),
+    "minutes and seconds": Form(_stamps(lambda time: f"{_day(time):%M:%S.%f}"), tolerance=1e-9),
+    "durations": Form(_stamps(lambda time: f"0 days 00:00:{time:09.6f}"), tolerance=1e-9),
+    "days of a calendar": Form(_stamps(lambda time: f"{45717.9 + time / 86400:.12f}"), tolerance=1e-5),
+    "milliseconds since 1970": Form(_stamps(lambda time: str(1_740_873_590_000 + round(1e3 * time)))),
+    "whole seconds": Form(_stamps(lambda time: str(int(time + 1e-9)))),
+    "seconds of the day": Form(_stamps(lambda time: f"{(86396 + time) % 86400:.3f}"), tolerance=1e-9),
+    "index of dates": Form(_date_index("to_csv", ".csv"), tolerance=1e-9),
+    "parquet, index of dates": Form(_date_index("to_parquet", ".parquet"), tolerance=1e-9),
+    "header in a comment": Form(_lines(lambda lines: ["# two flights", "# " + lines[0], *lines[1:]])),
+    "header in a comment, blanks": Form(_lines(lambda lines: ["% " + lines[0], *lines[1:]], " ")),
+    "titles of two cells": Form(_lines(lambda lines: ["Flight,12", "Pilot,Meyer", "", *lines])),
+    "comments between rows": Form(_lines(lambda lines: [*lines[:100], "# second maneuver", *lines[100:]])),
+    "separator at the end of rows": Form(_lines(_rows_with(lambda line: f"{line},"))),
+    "numbers of the rows": Form(_lines(lambda lines: [lines[0], *(f'"{n + 1}",{line}' for n, line in enumerate(lines[1:]))])),
+    "sums below": Form(_lines(lambda lines: [*lines, "", "Mean,0.1,0.2,0.3", "Max,1,2,3"])),
+    "remark below": Form(_lines(lambda lines: [*lines, "End of data"])),
+    "minus signs of a word processor": Form(_lines(_rows_with(lambda line: line.replace("-", "\N{MINUS SIGN}")))),
+    "exponents of Fortran": Form(_lines(_rows_with(lambda line: " ".join(f"{float(cell):.12E}".replace("E", "D") for cell in line.split())), " ")),
+    "gzip": Form(_packed(".gz", gzip.compress)),
+    "bzip2": Form(_packed(".bz2", bz2.compress)),
+    "xz": Form(_packed(".xz", lzma.compress)),
+    "zip": Form(_packed(".zip", _zip)),
     "repeats": Form(_shuffled(lambda count: [*range(200), 199, *range(200, count)])),
     "unsorted": Form(_shuffled(_exchanged)),
     "parquet": Form(_frame("to_parquet", ".parquet")),

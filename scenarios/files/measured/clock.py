@@ -311,7 +311,7 @@ def _orders_of_day_and_month(texts: Sequence[str]) -> list[tuple[Sequence[str], 
     parted = [_DAY_AND_MONTH.fullmatch(text) for text in texts]
     if not any(parted):
         return [(texts, "")]
-    orders = []
+    orders: list[tuple[Sequence[str], str]] = []
     for day, month, words in ((1, 2, " (day first)"), (2, 1, " (month first)")):
         ordered = [
             f"{each[3]}-{int(each[month]):02d}-{int(each[day]):02d}{each[4]}" if each else text for each, text in zip(parted, texts, strict=True)

@@ -367,7 +367,7 @@ def _merged(
     notes: list[str] = []
     leading = [topic for each in wanted if not each.is_input for topic in {place[0] for place in each.places.values()}] or used
     grid, grid_note = _grid(file, topics, clocks, used, leading, rate)
-    notes.append(grid_note)
+    notes += [grid_note, *_unread(topics, used)]
     step = float(np.median(np.diff(grid)))
     header, columns, choices = [f"{TIME}"], [grid], {}
     for each in wanted:
@@ -431,7 +431,18 @@ def _grid(
         said += f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > JITTER * step else ""
     if grid.size < 2:
         raise RecordError("the topics share fewer than two samples", where=str(file.path), remedy=f"they cover {spans}")
+    if len(used) == 1:
+        return grid, f"the rows are those of {said}"
     return grid, f"{len(used)} topics are put on one grid, {said}: {', '.join(topics[n].name for n in used)}"
+
+
+def _unread(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
+    """A sentence on topics that have the same columns as those that are read, as the sheets of several runs have."""
+    read = {topics[n].table.header for n in used}
+    others = [topic.name for n, topic in enumerate(topics) if n not in used and topic.table.header in read]
+    shown = ", ".join(others[:6]) + (", ..." if len(others) > 6 else "")
+    have = "has" if len(others) == 1 else "have"
+    return [f"{shown} {have} the same columns as {topics[used[0]].name} and {'is' if len(others) == 1 else 'are'} not read"] if others else []
 
 
 def _on_grid(
