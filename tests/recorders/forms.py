@@ -175,6 +175,72 @@ def _mat(content: Callable[[Columns], dict[str, Any]]) -> Callable[[Path, Column
     return write
 
 
+def _saved(name: str, save: Callable[[Path, Columns], None]) -> Callable[[Path, Columns], Path]:
+    def write(folder: Path, columns: Columns) -> Path:
+        save(folder / name, columns)
+        return folder / name
+
+    return write
+
+
+def _cells(*items: Any) -> np.ndarray:
+    """A MATLAB cell array: NumPy makes one matrix of vectors of one length unless each is put in."""
+    cells = np.empty(len(items), dtype=object)
+    for at, item in enumerate(items):
+        cells[at] = item
+    return cells
+
+
+def _simulink(columns: Columns) -> dict[str, Any]:
+    """A structure with time, as a To Workspace block saves it."""
+    signals = [(columns[name].reshape(-1, 1), name) for name in NAMES[1:]]
+    return {"out": {"time": columns["time"], "signals": np.array(signals, dtype=[("values", object), ("label", object)])}}
+
+
+def _group_a_signal(path: Path, columns: Columns) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name in NAMES[1:]:
+            file[f"{name}/time"], file[f"{name}/data"] = columns["time"], columns[name]
+
+
+def _clock_above(path: Path, columns: Columns) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file["time"] = columns["time"]
+        for name in NAMES[1:]:
+            file[f"signals/{name}"] = columns[name]
+
+
+def _named_by_attribute(path: Path, columns: Columns) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file.create_dataset("data", data=_matrix(columns)).attrs["columns"] = list(NAMES)
+
+
+def _mat73_cells(folder: Path, columns: Columns) -> Path:
+    import h5py
+
+    path = folder / "record.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        store = file.create_group("#refs#")
+        vectors = [store.create_dataset(f"v{name}", data=columns[name].reshape(1, -1)).ref for name in NAMES]
+        texts = []
+        for name in NAMES:
+            text = store.create_dataset(f"n{name}", data=np.array([[ord(letter)] for letter in name], dtype="u2"))
+            text.attrs["MATLAB_class"] = np.bytes_(b"char")
+            texts.append(text.ref)
+        for key, references in (("data", vectors), ("names", texts)):
+            cells = file.create_dataset(key, data=np.array(references, dtype=h5py.ref_dtype).reshape(-1, 1))
+            cells.attrs["MATLAB_class"] = np.bytes_(b"cell")
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM")
+    return path
+
+
 def _mat73(folder: Path, columns: Columns) -> Path:
     import h5py
 
@@ -260,6 +326,7 @@ def _matrix(columns: Columns) -> np.ndarray:
     return np.column_stack([columns[name] for name in NAMES])
 
 
+TOPICS = {name: ColumnChoice(f"{name}.{name}") for name in NAMES[1:]}
 PWM = {"elevator": ColumnChoice("pwm(C2, 1500, 500)")}
 FORMS: dict[str, Form] = {
     "comma": Form(_text(",")),
@@ -322,6 +389,19 @@ FORMS: dict[str, Form] = {
         {"elevator": ColumnChoice("u"), "alpha": ColumnChoice("y1"), "q": ColumnChoice("y2")},
     ),
     "mat 7.3": Form(_mat73),
+    "mat cells of vectors": Form(_mat(lambda columns: {"data": _cells(*(columns[name] for name in NAMES)), "names": _cells(*NAMES)})),
+    "mat cells of rows": Form(_mat(lambda columns: {"C": np.array([list(NAMES), *_matrix(columns).tolist()], dtype=object)})),
+    "mat struct a sample": Form(
+        _mat(lambda columns: {"s": np.array([tuple(row) for row in _matrix(columns)], dtype=[(name, object) for name in NAMES])})
+    ),
+    "mat struct a signal": Form(_mat(lambda columns: {name: {"Time": columns["time"], "Data": columns[name]} for name in NAMES[1:]}), TOPICS),
+    "simulink": Form(_mat(_simulink)),
+    "mat 7.3 cells": Form(_mat73_cells),
+    "hdf5 group a signal": Form(_saved("record.h5", _group_a_signal), TOPICS),
+    "hdf5 clock above": Form(_saved("record.h5", _clock_above), {name: ColumnChoice(f"signals.{name}") for name in NAMES[1:]}),
+    "hdf5 named by attribute": Form(_saved("record.h5", _named_by_attribute)),
+    "npz": Form(_saved("record.npz", lambda path, columns: np.savez(path, allow_pickle=False, **columns))),
+    "npy": Form(_saved("record.npy", lambda path, columns: np.save(path, _matrix(columns))), MAPPED),
     "mdf": Form(_mdf),
     "tdms": Form(_tdms),
     "ulog": Form(

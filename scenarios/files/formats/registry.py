@@ -44,7 +44,14 @@ def readers() -> dict[str, Reader]:
 
 
 def reader_for(path: Path, raw: bytes) -> Reader:
-    """The reader whose first bytes the file has, else the one of its suffix, else the reader of text."""
+    """The reader whose first bytes the file has, else the one of its suffix, else the reader of text.
+
+    Several formats are ZIP archives inside, so that of these the suffix decides first.
+    """
+    if raw.startswith(ZIP):
+        named = next((reader for reader in readers().values() if path.suffix.lower() in reader.SUFFIXES), None)
+        if named is not None and named is not readers()["text"]:
+            return named
     for reader in readers().values():
         if any(begins_with(raw, mark) for mark in reader.MAGIC):
             return reader
