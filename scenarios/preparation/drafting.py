@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from ident.recording.dropouts import fill_value
-from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME, split_header
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.formats.topic import Topic
-from scenarios.files.measured.clock import grid_of_coarse_stamps
-from scenarios.files.measured.columns import split_header
+from scenarios.files.measured.clock import SECONDS, grid_of_coarse_stamps
+from scenarios.files.measured.columns import split_at
 from scenarios.files.measured.derived import clock_of, clock_place, holds_dates, stated_unit
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.records import read_record
@@ -262,9 +262,8 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
         for topic in topics:
             if len(topics) > 1 and NO_MEASUREMENT.search(topic.name.lower()):
                 continue
-            named = [
-                n for n, cell in enumerate(topic.table.header) if _plain(split_header(cell)[0]) in (rank, *(f"{rank}{word}" for word in UNIT_WORDS))
-            ]
+            cells, spelt = topic.table.header, (rank, *(f"{rank}{word}" for word in UNIT_WORDS))
+            named = [n for n in range(len(cells)) if _plain(split_at(cells, n)[0]) in spelt]
             # Of two columns of one name the one whose unit is known: the other may be in any unit.
             for index in sorted(named, key=lambda n: not _says_unit(topic, n, channel)):
                 if channel == TIME or (clock_place(topic.table) != index and _moves(topic, index)):
@@ -287,8 +286,8 @@ def _clock(topic: Topic) -> Guess | None:
     table = topic.table
     place = clock_place(table)
     if place is not None:
-        named = table.header[place]
-        return Guess(TIME, ColumnChoice(named or place + 1), f"named {named}" if named else "the dates of the rows")
+        unnamed = Guess(TIME, ColumnChoice(place + 1), "the dates of the rows")
+        return _of_column(TIME, topic, place, ()) if table.header[place] else unnamed
     for index in range(min(len(table.header), 3)):
         if holds_dates(table.columns[index]):
             return Guess(TIME, ColumnChoice(index + 1), "holds dates or times of day")
@@ -338,6 +337,9 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
     reason = f"named {split_header(cell)[0]}"
     said = stated_unit(topic.table, index)
     if channel == TIME:
+        if said is not None and not _converts(said, inside):
+            # The brackets hold the name of a message or a sensor.
+            said = next((unit for unit in SECONDS if split_header(cell)[0].lower().endswith(f"_{unit}")), None)
         return Guess(channel, ColumnChoice(path, said), f"{reason}; its unit: {said or 'by the rate of the rows'}")
     if said is None:
         said = _suffix(cell)
@@ -366,7 +368,7 @@ def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> li
     """
     topics = file.topics or (Topic("", file.table),)
     clock = {guess.channel: guess.choice for guess in guesses if guess.channel == TIME}
-    topic_of = {f"{topic.name}.{cell}": topic.name for topic in file.topics for cell in topic.table.header}
+    topic_of = {_path(topic, cell): topic.name for topic in file.topics for cell in topic.table.header}
     groups: dict[frozenset[str], list[Guess]] = {}
     for guess in guesses:
         used = {topic_of[name] for name in _columns_in(guess.choice, topics)} if file.topics else set()
@@ -419,9 +421,14 @@ def _model_for(channels: set[str]) -> str:
     return "ballistic" if channels - {TIME} and channels <= {TIME, "altitude", "height", "airspeed"} else ""
 
 
+def _path(topic: Topic, cell: str) -> str:
+    """A column as a channel map names it: with its topic, where that has a name."""
+    return f"{topic.name}.{cell}" if topic.name else cell
+
+
 def _columns_in(choice: ColumnChoice, topics: Sequence[Topic]) -> set[str]:
     text = str(choice.column)
-    names = {f"{topic.name}.{cell}" if topic.name else cell for topic in topics for cell in topic.table.header}
+    names = {_path(topic, cell) for topic in topics for cell in topic.table.header}
     return {text} if text in names else {name for name in names if re.search(rf"(?<![\w.]){re.escape(name)}(?![\w\[])", text)}
 
 

@@ -19,12 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.formats.cells import MISSING, Table, has_decimal_comma, header_cell
-from scenarios.files.formats.layout import LOOKED_AT, has_number, header_row, is_number, unit_row
+from scenarios.files.formats.layout import LOOKED_AT, MOST_HEADS, has_number, header_row, heads, is_known, is_number, unit_row, without_brackets
 from scenarios.files.formats.topic import Topic
-from scenarios.files.measured.clock import is_clock
-from scenarios.files.measured.columns import split_header
 from sim.errors import RecordError
 
 FORMAT = "text"
@@ -142,9 +139,11 @@ def _table(path: Path, text: str, layout: Layout) -> tuple[Table, tuple[str, ...
             remedy = f"take the {COMMENT} from the header, row {above}, or name the columns with --columns"
             raise RecordError("there is no header, the first row holds numbers", where=f"{path}, row {lines[0][0]}", remedy=remedy)
     if named:
-        header, body = tuple(header_cell(cell, str(path)) for cell in lines[0][1]), lines[1:]
-        units = unit_row(header, body[0][1]) if body else ()
-        body = body[1:] if units else body
+        at, under, count = heads([cells for _, cells in lines[: MOST_HEADS + 1]])
+        header, body = tuple(header_cell(cell, str(path)) for cell in lines[at][1]), lines[count:]
+        units = tuple(map(without_brackets, lines[under][1])) if under is not None else unit_row(header, body[0][1]) if body else ()
+        body = body[1:] if units and under is None else body
+        body = [(row, cells) for row, cells in body if cells != lines[at][1]]  # a file that was appended to another
     else:
         header, notes = _unnamed(layout, width, str(path))
         body, units = lines, ()
@@ -186,9 +185,7 @@ def _commented_header(layout: Layout, width: int) -> tuple[str, ...]:
     if not layout.above or not _is_comment(layout.above[-1]):
         return ()
     cells = [cell.strip() for cell in _cells(layout.above[-1].strip().lstrip("".join(COMMENTS)).strip(), layout.separator)]
-    names = [split_header(cell)[0].lower() for cell in cells]
-    known = any(is_clock(name) or name in CHANNEL_UNITS for name in names)
-    return tuple(cells) if len(cells) == width and known and not any(is_number(cell) for cell in cells) else ()
+    return tuple(cells) if len(cells) == width and any(map(is_known, cells)) and not any(is_number(cell) for cell in cells) else ()
 
 
 def _numbered(count: int) -> tuple[str, ...]:

@@ -11,11 +11,6 @@ import numpy as np
 from scenarios.files.formats.cells import LARGEST
 from sim.errors import RecordError
 
-CLOCK_NAMES = (
-    "time", "t", "timestamp", "timeus", "timems", "timens", "time_us", "time_ms", "time_ns", "time_s", "timestamp_us", "timestamp_ms",
-    "timestamp_ns", "elapsed", "elapsed time", "elapsed_time", "seconds", "sec", "utc", "utc time", "utc_time", "datetime", "date_time",
-    "date", "gps_time", "tout", "irig", "irig time", "irig_time", "zeit",
-)  # fmt: skip
 COUNTERS = {"timeus": "us", "timems": "ms", "timens": "ns", "seconds": "s", "sec": "s"}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 USUAL_RATE = 50.0  # Hz: the unit of an unlabelled counter is the one whose rate is nearest to it
@@ -67,12 +62,6 @@ class Sorted:
     time: np.ndarray
     order: np.ndarray
     notes: tuple[str, ...] = ()
-
-
-def is_clock(name: str) -> bool:
-    """Whether a header names a clock, in whatever case and with any unit in brackets."""
-    plain = re.sub(r"\s*[\[(].*", "", name).strip().lower()
-    return plain in CLOCK_NAMES or plain.replace(" ", "_") in CLOCK_NAMES
 
 
 def counter_unit(name: str) -> str | None:
@@ -356,7 +345,10 @@ def _last_digits(time: np.ndarray) -> np.ndarray:
         values = time[here]
         for decimals in range(-6, 13):
             scaled = values * 10.0**decimals
-            if np.all(np.abs(scaled - np.round(scaled)) < 1e-6 * np.maximum(1.0, np.abs(scaled) * 1e-6)):
+            rounded = np.round(scaled)
+            # A number below half a unit rounds to zero, but is not written in that unit.
+            whole = np.all((rounded != 0.0) | (values == 0.0))
+            if whole and np.all(np.abs(scaled - rounded) < 1e-6 * np.maximum(1.0, np.abs(scaled) * 1e-6)):
                 unit[here] = 10.0**-decimals
                 break
     # Small numbers may by chance need fewer digits than larger ones: a stamp has no fewer decimals than a larger one.

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME, is_clock, split_header
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.declarations import closest
 from scenarios.files.formats.cells import Table, numbers
@@ -22,12 +22,11 @@ from scenarios.files.measured.clock import (
     SECONDS,
     Clock,
     counter_unit,
-    is_clock,
     seconds_of_counter,
     times_of_dates,
     times_of_texts,
 )
-from scenarios.files.measured.columns import inside_unit, split_header, suffix_unit
+from scenarios.files.measured.columns import inside_unit, split_at, suffix_unit
 from scenarios.files.measured.expressions import Expression, evaluate, is_plain_name, parse
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.units import QUANTITIES, to_si
@@ -162,8 +161,7 @@ def clock_of(table: Table, index: int, unit: str | None = None) -> Clock:
 
 def stated_unit(table: Table, index: int) -> str | None:
     """The unit that a header, the row under it or a clock's name states; None where nothing does."""
-    cell = table.header[index]
-    name, unit = split_header(cell)
+    name, unit = split_at(table.header, index)
     under = table.units[index] if table.units else ""
     if unit or under:
         chosen = unit or under

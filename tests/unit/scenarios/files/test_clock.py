@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from scenarios.files.channel_names import is_clock
 from scenarios.files.measured.clock import (
     REGULARLY,
     grid_of_coarse_stamps,
-    is_clock,
     seconds_of_counter,
     sorted_rows,
     times_of_dates,
@@ -120,6 +120,13 @@ def test_hundredths_of_a_second_hold_the_grid_of_any_rate(rate: float) -> None:
     """At 33 Hz 99 of 100 steps print as 0.03 s."""
     found = grid_of_coarse_stamps(np.round(12.3 + np.arange(900) / rate, 2))
     assert found is not None and np.mean(np.diff(found[0])) == pytest.approx(1.0 / rate, rel=1e-4)
+
+
+@pytest.mark.parametrize("begin", [0.0, 1e-4, 5.0])
+def test_uneven_times_below_a_second_are_kept(begin: float) -> None:
+    """Times below one have no fewer digits than those above."""
+    time = begin + np.round(0.05 * np.sin(0.02 * np.arange(60)), 6)
+    assert grid_of_coarse_stamps(time) is None
 
 
 def test_stamps_that_jitter_are_no_rounded_grid() -> None:
