@@ -40,6 +40,7 @@ BLOCK = 4_000_000  # bytes that are parsed at a time
 LARGE = 500_000  # bytes from which a plain file is parsed column by column
 _DECLARED = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 _SAVE = "save it as CSV in UTF-8, as Parquet or as MAT"
+_JSON = re.compile(rb"\s*(?:\{\s*\"|\[\s*[\[{])")
 _UNPRINTABLE = re.compile("[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
 
 Rows = list[tuple[int, list[str]]]  # number of each row as the user sees it, and its cells
@@ -52,6 +53,8 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     ------
     RecordError : no text, empty, or columns that cannot be told apart.
     """
+    if _JSON.match(raw[:BEGINNING]):
+        raise RecordError("JSON is not read", where=str(path), remedy=_SAVE)
     if len(raw) > LARGE and (topic := _large(path, raw)) is not None:
         return (topic,)
     text, notes = _text(path, raw)

@@ -30,6 +30,8 @@ def refused(path: Path, *parts: str, inputs: tuple[str, ...] = (), outputs: tupl
 CASES: dict[str, tuple[str, tuple[str, ...]]] = {
     "no rows": ("time,alpha\n", ("header but no rows",)),
     "blank": ("\n \n", ("the file is empty",)),
+    "json": ('[{"time": 0.0, "alpha": 1}]\n', ("JSON is not read", "save it as CSV")),
+    "json lines": ('{"time": 0.0, "alpha": 1}\n{"time": 1.0, "alpha": 2}\n', ("JSON is not read",)),
     "no time": ("z,alpha\n0,0\n1,0\n", ("header", "no column 'time'", "z, alpha", "--channels", "--rate")),
     "no time under a broken header": ('"z\n(s)",alpha\n0,0\n1,0\n', ("the columns are z (s), alpha",)),
     "no output": ("time,beta\n0,0\n1,0\n", ("no column 'alpha'", "time, beta", "--channels")),
