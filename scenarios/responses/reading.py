@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.frequency_response import Signals
-from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME, split_header
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.formats.cells import Table
-from scenarios.files.measured.columns import split_header
 from scenarios.files.measured.derived import stated_unit
 from scenarios.files.measured.record_file import RecordFile, with_names
 from scenarios.files.records import read_with_notes

@@ -13,9 +13,35 @@ from sim.errors import FlightidError
 from tests.recorders.forms import FORMS, record
 
 COUNT = 200
-BINARY = ("parquet", "feather", "excel", "ods", "hdf5", "mat vectors", "mat nested", "mat matrix", "mat 7.3", "mdf", "tdms", "ulog", "dataflash")
+BINARY: tuple[str, ...] = (
+    "parquet",
+    "feather",
+    "excel",
+    "ods",
+    "hdf5",
+    "mat vectors",
+    "mat nested",
+    "mat matrix",
+    "mat 7.3",
+    "mdf",
+    "tdms",
+    "ulog",
+    "dataflash",
+)
 BINARY = (*BINARY, "mat struct a signal", "mat cells of vectors", "simulink", "hdf5 group a signal", "npz", "npy", "zip", "gzip")
-TEXT = ("dataflash text", "blanks", "bar", "no header", "utf-16", "preamble", "iso", "hh:mm:ss", "irig", "microseconds", "row of units")
+TEXT: tuple[str, ...] = (
+    "dataflash text",
+    "blanks",
+    "bar",
+    "no header",
+    "utf-16",
+    "preamble",
+    "iso",
+    "hh:mm:ss",
+    "irig",
+    "microseconds",
+    "row of units",
+)
 TEXT = (*TEXT, "row of groups", "header in a comment", "sums below", "month first")
 KINDS = ("cut", "flip", "zero", "doubled", "random tail", "other suffix", "head only", "exchanged")
 
@@ -102,6 +128,13 @@ def test_arrays_of_every_class_in_a_mat_file_are_of_known_types(tmp_path: Path) 
 
     cells = np.empty(3, dtype=object)
     cells[:] = ["text", np.zeros((0, 0)), {"inner": 1 + 2j}]
-    others = {"empty": np.zeros((0, 0)), "none": "", "text": "abc", "yes": True, "wave": np.exp(1j * np.arange(5.0)), "few": np.int8([1, 2])}
+    others = {
+        "empty": np.zeros((0, 0)),
+        "none": "",
+        "text": "abc",
+        "yes": True,
+        "wave": np.exp(1j * np.arange(5.0)),
+        "few": np.array([1, 2], dtype=np.int8),
+    }
     savemat(tmp_path / "run.mat", {**record(30), **others, "cells": cells, "sparse": eye(4), "words": np.array(["ab", "cd"])})
     assert {"time", "alpha"} <= set(read_record_file(tmp_path / "run.mat").table.header)
