@@ -13,36 +13,15 @@ from sim.errors import FlightidError
 from tests.recorders.forms import FORMS, record
 
 COUNT = 200
-BINARY: tuple[str, ...] = (
-    "parquet",
-    "feather",
-    "excel",
-    "ods",
-    "hdf5",
-    "mat vectors",
-    "mat nested",
-    "mat matrix",
-    "mat 7.3",
-    "mdf",
-    "tdms",
-    "ulog",
-    "dataflash",
+BINARY = (
+    *("parquet", "feather", "excel", "ods", "hdf5", "mat vectors", "mat nested", "mat matrix", "mat 7.3"),
+    *("mdf", "tdms", "ulog", "dataflash", "mat struct a signal", "mat cells of vectors", "simulink"),
+    *("hdf5 group a signal", "npz", "npy", "zip", "gzip"),
 )
-BINARY = (*BINARY, "mat struct a signal", "mat cells of vectors", "simulink", "hdf5 group a signal", "npz", "npy", "zip", "gzip")
-TEXT: tuple[str, ...] = (
-    "dataflash text",
-    "blanks",
-    "bar",
-    "no header",
-    "utf-16",
-    "preamble",
-    "iso",
-    "hh:mm:ss",
-    "irig",
-    "microseconds",
-    "row of units",
+TEXT = (
+    *("dataflash text", "blanks", "bar", "no header", "utf-16", "preamble", "iso", "hh:mm:ss", "irig"),
+    *("microseconds", "row of units", "row of groups", "header in a comment", "sums below", "month first"),
 )
-TEXT = (*TEXT, "row of groups", "header in a comment", "sums below", "month first")
 KINDS = ("cut", "flip", "zero", "doubled", "random tail", "other suffix", "head only", "exchanged")
 
 
