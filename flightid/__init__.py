@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from scenarios.api.planning.design import Design, design
     from scenarios.api.prediction import Prediction, predict
     from scenarios.api.records.record import Record, read_record
+    from scenarios.api.response import FrequencyResponse, frequency_response
     from scenarios.api.shown.parameters import Parameter, Parameters
     from scenarios.api.shown.table import Table
     from scenarios.api.study import Study, run, simulate
@@ -42,6 +43,7 @@ _EXPORTS = {
     **dict.fromkeys(("Check", "check"), "check"),
     **dict.fromkeys(("Design", "design"), "planning.design"),
     **dict.fromkeys(("Diagnosis", "diagnose"), "diagnosis"),
+    **dict.fromkeys(("FrequencyResponse", "frequency_response"), "response"),
     "InputError": "errors",
     **dict.fromkeys(("Identification", "identify"), "identification"),
     **dict.fromkeys(("effects", "models", "scenarios", "vehicles"), "libraries"),
@@ -60,6 +62,7 @@ __all__ = [
     "Check",
     "Design",
     "Diagnosis",
+    "FrequencyResponse",
     "Identification",
     "InputError",
     "Maneuvers",
@@ -78,6 +81,7 @@ __all__ = [
     "diagnose",
     "effects",
     "find_maneuvers",
+    "frequency_response",
     "identify",
     "models",
     "own_model",

@@ -31,6 +31,10 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
         ("flightid maneuvers flight.csv", "steps, doublets, sweeps, turns and the like in a long record"),
         ("flightid maneuvers flight.csv --out found", "with the flight in a figure and maneuvers.toml for --maneuver"),
     ),
+    "response": (
+        ("flightid response flight.csv --input elevator --output q --out bode", "the response of the pitch rate to the elevator"),
+        ("flightid response flight.csv --input elevator --output q --output alpha --band 0.2 2", "two outputs, in a band in Hz"),
+    ),
     "identify": (
         ("flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --out fit", "parameters of a model from a record"),
         (

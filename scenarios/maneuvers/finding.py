@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +69,7 @@ class Maneuvers:
     identity : the file. record : its channels that were searched, SI; controls stand among the outputs, where samples may be missing.
     maneuvers : in the order of their times. active : share of the time in which an input moves beyond its rest level.
     path : of the file, None where the record is in memory. simulated : a program made it.
+    unread : columns that look like channels and were not read, by channel: a channel map names them.
     """
 
     identity: InputFile
@@ -77,6 +78,7 @@ class Maneuvers:
     active: float
     path: Path | None = None
     simulated: bool = False
+    unread: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def parts(self) -> Parts:
@@ -92,6 +94,13 @@ class Maneuvers:
         moves = [each for each in self.maneuvers if each.found.kind != "trim"]
         if inputs and not moves:
             cautions.append("no maneuver found: no input has the form of one, and none rises above what it does at rest")
+        if self.unread:
+            alike = [f"{column} looks like {channel}" for channel, column in self.unread.items()]
+            name = self.identity.name if self.path is None else self.path
+            cautions.append(
+                f"{', '.join(alike)}: not read, since only a channel map says so; "
+                f"flightid map {name} --out DRAFT drafts one for --channels DRAFT/channels.toml"
+            )
         return tuple(cautions)
 
     def __repr__(self) -> str:
@@ -122,7 +131,16 @@ def maneuvers_of(source: Path | RecordFile, channels: Mapping[str, ColumnChoice]
         active_share(signals),
         path,
         file.sidecar.simulated,
+        _unread(file, record) if channels is None else {},
     )
+
+
+def _unread(file: RecordFile, record: Record) -> Mapping[str, str]:
+    """Columns that look like a control or a rate that the record lacks, by channel."""
+    from scenarios.preparation.drafting import recognised
+
+    missing = [name for name in (*CONTROLS, "p", "q", "r") if name not in record.output_names]
+    return recognised(file, missing) if missing else {}
 
 
 def signals_of(record: Record) -> Signals:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from ident.recording.dropouts import fill_value
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME, split_header
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.formats.topic import Topic
-from scenarios.files.measured.clock import grid_of_coarse_stamps
-from scenarios.files.measured.columns import split_header
-from scenarios.files.measured.derived import clock_of, clock_place, stated_unit
+from scenarios.files.measured.clock import SECONDS, grid_of_coarse_stamps
+from scenarios.files.measured.columns import split_at
+from scenarios.files.measured.derived import clock_of, clock_place, holds_dates, stated_unit
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.records import read_record
 from scenarios.files.units import to_si
@@ -143,6 +144,22 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
     )
 
 
+def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
+    """The columns of a file that a draft of a channel map would take for channels.
+
+    Parameters
+    ----------
+    file : the file as it was read. channels : our names of the channels that are looked for.
+
+    Returns
+    -------
+    The column or expression of each channel for which one is found.
+    """
+    topics = file.topics or (Topic("", file.table),)
+    found = ((channel, _guess(channel, topics, ())) for channel in channels)
+    return {channel: str(guess.choice.column) for channel, guess in found if guess is not None}
+
+
 def map_text(draft: Draft) -> str:
     """The draft as a channel map in TOML, a reason beside each line."""
     lines = [f"# Draft of a channel map for {draft.file.path.name}. Check every line: names do not say signs, and seldom units."]
@@ -261,9 +278,8 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
         for topic in topics:
             if len(topics) > 1 and NO_MEASUREMENT.search(topic.name.lower()):
                 continue
-            named = [
-                n for n, cell in enumerate(topic.table.header) if _plain(split_header(cell)[0]) in (rank, *(f"{rank}{word}" for word in UNIT_WORDS))
-            ]
+            cells, spelt = topic.table.header, (rank, *(f"{rank}{word}" for word in UNIT_WORDS))
+            named = [n for n in range(len(cells)) if _plain(split_at(cells, n)[0]) in spelt]
             # Of two columns of one name the one whose unit is known: the other may be in any unit.
             for index in sorted(named, key=lambda n: not _says_unit(topic, n, channel)):
                 if channel == TIME or (clock_place(topic.table) != index and _moves(topic, index)):
@@ -271,7 +287,7 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
     for each in words.get("expression", ()):
         if all(_has(name, topics) for name in each["needs"]):
             return Guess(channel, ColumnChoice(each["text"]), each["reason"])
-    return _even_column(topics[0]) if channel == TIME and len(topics) == 1 else None
+    return _clock(topics[0]) if channel == TIME and len(topics) == 1 else None
 
 
 def _says_unit(topic: Topic, index: int, channel: str) -> bool:
@@ -281,14 +297,32 @@ def _says_unit(topic: Topic, index: int, channel: str) -> bool:
     return channel == TIME or (said is not None and _converts(said, CHANNEL_UNITS[channel]))
 
 
+def _clock(topic: Topic) -> Guess | None:
+    """The column that every command takes for the clock; else one of dates; else one of even steps."""
+    table = topic.table
+    place = clock_place(table)
+    if place is not None:
+        unnamed = Guess(TIME, ColumnChoice(place + 1), "the dates of the rows")
+        return _of_column(TIME, topic, place, ()) if table.header[place] else unnamed
+    for index in range(min(len(table.header), 3)):
+        if holds_dates(table.columns[index]):
+            return Guess(TIME, ColumnChoice(index + 1), "holds dates or times of day")
+    return _even_column(topic)
+
+
 def _even_column(topic: Topic) -> Guess | None:
-    """The first column that increases in even steps, as a clock does; a clock may have gaps."""
+    """The first column that increases in even steps, as a clock does; a clock may have gaps.
+
+    A column that counts 0, 1, 2 ... numbers the rows and says nothing of time.
+    """
     for index in range(min(len(topic.table.header), 3)):
         values = _numbers(topic, index)
         if values.size != topic.table.rows.size or values.size < 10 or not np.all(np.diff(values) >= 0.0):
             continue
         steps = np.diff(values)
         usual = float(np.median(steps))
+        if values[0] in (0.0, 1.0) and np.all(steps == 1.0):
+            continue
         odd = np.abs(steps - usual) >= EVEN * usual
         if (np.all(steps[odd] > usual) and np.mean(odd) < GAPS) or grid_of_coarse_stamps(values) is not None:
             return Guess(TIME, ColumnChoice(index + 1), "increases in even steps, as a clock does")
@@ -319,12 +353,19 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
     reason = f"named {split_header(cell)[0]}"
     said = stated_unit(topic.table, index)
     if channel == TIME:
+        if said is not None and not _converts(said, inside):
+            # The brackets hold the name of a message or a sensor.
+            said = next((unit for unit in SECONDS if split_header(cell)[0].lower().endswith(f"_{unit}")), None)
         return Guess(channel, ColumnChoice(path, said), f"{reason}; its unit: {said or 'by the rate of the rows'}")
     if said is None:
         said = _suffix(cell)
     if said is not None and _converts(said, inside):
         return Guess(channel, ColumnChoice(path, said), f"{reason}, in {said}")
     values = _numbers(topic, index)
+    fill = fill_value(values)
+    if fill is not None:
+        reason += f"; {fill:g} is taken as a fill value, for no measurement"
+        values = values[values != fill]
     moves = float(np.max(np.abs(values - np.median(values)))) if values.size else 0.0
     degree = {"rad": "deg", "rad/s": "deg/s"}.get(inside)
     if moves > BEYOND.get(inside, np.inf):
@@ -343,7 +384,7 @@ def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> li
     """
     topics = file.topics or (Topic("", file.table),)
     clock = {guess.channel: guess.choice for guess in guesses if guess.channel == TIME}
-    topic_of = {f"{topic.name}.{cell}": topic.name for topic in file.topics for cell in topic.table.header}
+    topic_of = {_path(topic, cell): topic.name for topic in file.topics for cell in topic.table.header}
     groups: dict[frozenset[str], list[Guess]] = {}
     for guess in guesses:
         used = {topic_of[name] for name in _columns_in(guess.choice, topics)} if file.topics else set()
@@ -396,9 +437,14 @@ def _model_for(channels: set[str]) -> str:
     return "ballistic" if channels - {TIME} and channels <= {TIME, "altitude", "height", "airspeed"} else ""
 
 
+def _path(topic: Topic, cell: str) -> str:
+    """A column as a channel map names it: with its topic, where that has a name."""
+    return f"{topic.name}.{cell}" if topic.name else cell
+
+
 def _columns_in(choice: ColumnChoice, topics: Sequence[Topic]) -> set[str]:
     text = str(choice.column)
-    names = {f"{topic.name}.{cell}" if topic.name else cell for topic in topics for cell in topic.table.header}
+    names = {_path(topic, cell) for topic in topics for cell in topic.table.header}
     return {text} if text in names else {name for name in names if re.search(rf"(?<![\w.]){re.escape(name)}(?![\w\[])", text)}
 
 

@@ -339,8 +339,34 @@ IDENT = (
         ("/ gravity * q / alpha", "/ G0 * q / alpha"),
     ),
     *changes(
-        "ident/flying_qualities/frequency_response.py",
-        ("tests/unit/ident/flying_qualities/test_frequency_response.py",),
+        "ident/frequency_response/segments.py",
+        ("tests/unit/ident/frequency_response/test_estimate.py",),
+        ("0.5 * middle - 0.25 * (below + above)", "0.5 * middle + 0.25 * (below + above)"),
+        ("(math.pi / length) ** 2 * (below + above)", "(math.pi / length) ** 2 * (below - above)"),
+    ),
+    *changes(
+        "ident/frequency_response/regression.py",
+        ("tests/unit/ident/frequency_response/test_estimate.py",),
+        ("lowered = 2.0 * crossed -", "lowered = crossed -"),
+        ("0.5 * spectrum[:, None, None]", "spectrum[:, None, None]"),
+        ("1.0 - 1.0 / np.maximum(last, 1.0)", "1.0 / np.maximum(last, 1.0)"),
+    ),
+    *changes(
+        "ident/frequency_response/transfer_function.py",
+        ("tests/unit/ident/frequency_response/test_transfer_function.py",),
+        ("(1.58 * (1.0 - np.exp(-coherence))) ** 2", "1.58 * (1.0 - np.exp(-coherence))"),
+        ("(transform / 0.375) ** 2", "transform / 0.375"),
+    ),
+    *changes(
+        "ident/flying_qualities/bandwidth.py",
+        ("tests/unit/ident/flying_qualities/test_bandwidth.py",),
+        ("NEUTRAL + MARGIN", "NEUTRAL + 2.0 * MARGIN"),
+        ("half = 0.5 * math.pi / 180.0", "half = math.pi / 180.0"),
+        ("- p[DELAY]", "+ p[DELAY]"),
+    ),
+    *changes(
+        "ident/frequency_response/multitaper.py",
+        ("tests/unit/ident/frequency_response/test_multitaper.py",),
         ("np.abs(between) ** 2", "np.abs(between)"),
     ),
     *changes(

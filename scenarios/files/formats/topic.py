@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,7 +95,7 @@ def missing_library(error: ImportError, path: Path, format_name: str, extra: str
 
 def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:
     """The error for a file that the format's library cannot read."""
-    text = str(fault).strip()
+    text = re.sub(r"'?<[^<>]* object at 0x[0-9a-f]+>'?", "the file", str(fault)).strip()
     said = " ".join(text.splitlines()[0].split())[:160] if text else type(fault).__name__
     return RecordError(f"not a readable {format_name} file ({said})", where=str(path), remedy="export it again, or save the record as CSV")
 

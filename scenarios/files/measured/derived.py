@@ -7,12 +7,13 @@ so that the fit knows its rate; an input is continued between its own samples, h
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME, is_clock, split_header
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.declarations import closest
 from scenarios.files.formats.cells import Table, numbers
@@ -21,12 +22,11 @@ from scenarios.files.measured.clock import (
     SECONDS,
     Clock,
     counter_unit,
-    is_clock,
     seconds_of_counter,
     times_of_dates,
     times_of_texts,
 )
-from scenarios.files.measured.columns import inside_unit, split_header, suffix_unit
+from scenarios.files.measured.columns import inside_unit, split_at, suffix_unit
 from scenarios.files.measured.expressions import Expression, evaluate, is_plain_name, parse
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.units import QUANTITIES, to_si
@@ -36,6 +36,8 @@ SAME_RATE = 1.5  # ratio of rates below which two topics count as equally fast
 BELOW_HALF = 0.8  # corner of the low-pass, as a share of half the new rate
 ORDER = 4
 SI_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
+NO_NAMES = ("", "index", "unnamed: 0")  # headers of an index that has no name
+FIRST_CELLS = 5  # cells that say whether a column holds dates
 JITTER = 0.1  # of the step, from which an uneven clock is said
 Place = tuple[int, int]  # topic and column
 
@@ -110,11 +112,24 @@ def source_columns(
 
 
 def clock_place(table: Table) -> int | None:
-    """The column that is the clock of a table: ``time`` before other names of clocks; None where there is none."""
+    """The column that is the clock of a table: ``time`` before other names of clocks, before a first
+    column without a name that holds dates, as pandas writes an index; None where there is none."""
     named = [index for index, cell in enumerate(table.header) if is_clock(split_header(cell)[0])]
     first = [index for index in named if split_header(table.header[index])[0].strip().lower() == TIME]
     chosen = first or named
+    if not chosen and table.header and table.header[0].lower() in NO_NAMES and holds_dates(table.columns[0]):
+        return 0
     return chosen[0] if chosen else None
+
+
+def holds_dates(column: Sequence[object] | np.ndarray) -> bool:
+    """Whether a column holds dates, times of day or durations, by its type or its first cells."""
+    if isinstance(column, np.ndarray) and column.dtype.kind in "mM":
+        return True
+    if isinstance(column, np.ndarray) and column.dtype.kind in "fiub":
+        return False
+    filled = [cell for cell in itertools.islice(column, FIRST_CELLS) if cell is not None and str(cell).strip()]
+    return bool(filled) and times_of_texts(filled) is not None
 
 
 def clock_of(table: Table, index: int, unit: str | None = None) -> Clock:
@@ -140,14 +155,13 @@ def clock_of(table: Table, index: int, unit: str | None = None) -> Clock:
     said = unit if unit is not None else stated_unit(table, index)
     values = numbers(table, index).values
     if said in SECONDS or said is None:
-        return seconds_of_counter(values, said)
+        return seconds_of_counter(values, said, f"{table.file}, column {table.header[index]!r}")
     return Clock(np.asarray(to_si(values, said, "s", f"{table.file}, column {table.header[index]!r}")))
 
 
 def stated_unit(table: Table, index: int) -> str | None:
     """The unit that a header, the row under it or a clock's name states; None where nothing does."""
-    cell = table.header[index]
-    name, unit = split_header(cell)
+    name, unit = split_at(table.header, index)
     under = table.units[index] if table.units else ""
     if unit or under:
         chosen = unit or under
@@ -351,7 +365,7 @@ def _merged(
     notes: list[str] = []
     leading = [topic for each in wanted if not each.is_input for topic in {place[0] for place in each.places.values()}] or used
     grid, grid_note = _grid(file, topics, clocks, used, leading, rate)
-    notes.append(grid_note)
+    notes += [grid_note, *_unread(topics, used)]
     step = float(np.median(np.diff(grid)))
     header, columns, choices = [f"{TIME}"], [grid], {}
     for each in wanted:
@@ -415,7 +429,18 @@ def _grid(
         said += f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > JITTER * step else ""
     if grid.size < 2:
         raise RecordError("the topics share fewer than two samples", where=str(file.path), remedy=f"they cover {spans}")
+    if len(used) == 1:
+        return grid, f"the rows are those of {said}"
     return grid, f"{len(used)} topics are put on one grid, {said}: {', '.join(topics[n].name for n in used)}"
+
+
+def _unread(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
+    """A sentence on topics that have the same columns as those that are read, as the sheets of several runs have."""
+    read = {topics[n].table.header for n in used}
+    others = [topic.name for n, topic in enumerate(topics) if n not in used and topic.table.header in read]
+    shown = ", ".join(others[:6]) + (", ..." if len(others) > 6 else "")
+    have = "has" if len(others) == 1 else "have"
+    return [f"{shown} {have} the same columns as {topics[used[0]].name} and {'is' if len(others) == 1 else 'are'} not read"] if others else []
 
 
 def _on_grid(

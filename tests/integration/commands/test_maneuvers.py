@@ -207,3 +207,15 @@ def test_a_record_without_a_clock_and_without_a_header(flightid: CommandLine, fo
     assert [(each["kind"], each["start"]) for each in found] == [(each["kind"], pytest.approx(each["start"], abs=1e-6)) for each in wanted]
     columns = {name.split(" ")[0]: column for name, column in zip(header[1:], rows[:, 1:].T, strict=True)}
     assert len(fid.find_maneuvers(columns, rate=20.0)) == len(wanted)
+
+
+def test_columns_that_look_like_controls_are_said_and_a_drafted_map_reads_them(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+    header, _, rows = (folder / "flight.csv").read_text().partition("\n")
+    recorded = tmp_path / "recorded.csv"
+    recorded.write_text(f"{header.replace('elevator', 'DELV')}\n{rows}")
+    told = flightid.done("maneuvers", recorded)
+    assert "0 maneuvers" in told or "no maneuver" in told or "no input is recorded" in told
+    assert "DELV looks like elevator: not read" in told and "flightid map" in told
+    flightid.done("map", recorded, "--out", tmp_path / "draft")
+    told = flightid.done("maneuvers", recorded, "--channels", tmp_path / "draft" / "channels.toml")
+    assert "2 maneuvers (1 3-2-1-1, 1 doublet)" in told and "looks like" not in told

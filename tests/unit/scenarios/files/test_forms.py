@@ -18,6 +18,7 @@ from tests.recorders.forms import DATAFLASH_UNITS, FORMS, dataflash_messages, re
 from tests.recorders.logs import write_dataflash, write_dataflash_text
 
 LIBRARIES = {"hdf5": "h5py", "mat 7.3": "h5py", "mdf": "asammdf", "tdms": "nptdms", "ulog": "pyulog", "dataflash": "pymavlink"}
+LIBRARIES |= {name: "h5py" for name in FORMS if name.startswith(("hdf5", "mat 7.3"))}
 LIBRARIES |= {"dataflash text": "pymavlink"}
 LIBRARIES |= {"excel": "python_calamine", "ods": "odf"}
 

@@ -30,8 +30,9 @@ def cautions(method: str, noise: str, run: int = 0) -> list[str]:
 @pytest.mark.parametrize("noise", ["markov-gusts", "dryden-gusts"])
 def test_gusts_are_cautioned_with_their_factor(method: str, noise: str) -> None:
     (said,) = cautions(method, noise)
-    factor, held = SHORT_IN_GUSTS[method]
-    assert f"sigmas of {method} are up to {factor:g} times too small" in said and f"{100 * held:.0f} %" in said
+    factor, worst, held = SHORT_IN_GUSTS[method]
+    assert 1.0 < factor < worst and f"sigmas of {method} are {factor:g} times too small" in said
+    assert f"up to {worst:g} times" in said and f"{100 * held:.0f} %" in said
 
 
 @pytest.mark.parametrize("method", sorted(SHORT_IN_GUSTS))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.frequency_response.segments import sine_segments
 from sim.declaration.system import System
 from sim.errors import ModelError, RecordError
 from sim.maths.elementary import complex_step_jacobian
@@ -45,7 +46,12 @@ class FrequencyResponse:
 
 
 def estimate_response(
-    record: Record, input_name: str = "stick", outputs: Sequence[str] | None = None, low: float = LOW, high: float = HIGH, tapers: int = 5
+    record: Record,
+    input_name: str = "stick",
+    outputs: Sequence[str] | None = None,
+    low: float = LOW,
+    high: float = HIGH,
+    tapers: int = 5,
 ) -> FrequencyResponse:
     """Estimate the response by averaging cross spectra over sine tapers.
 
@@ -77,21 +83,23 @@ def estimate_response(
         raise RecordError("a sample is missing", where=record.name, remedy="choose a window without gaps")
     u = record[input_name].values
     if not np.ptp(u) > 0:
-        raise RecordError("it does not move", where=f"{record.name}, channel {input_name}", remedy="choose a window with a maneuver")
-    n, orders = np.arange(1, count + 1), np.arange(1, tapers + 1)[:, None]
-    windows = math.sqrt(2.0 / (count + 1)) * np.sin(math.pi * orders * n / (count + 1))
-    size = _PADDING * count
+        raise RecordError(
+            "it does not move",
+            where=f"{record.name}, channel {input_name}",
+            remedy="choose a window with a maneuver",
+        )
+    omega = 2.0 * math.pi * np.fft.rfftfreq(_PADDING * count, step)
+    omega = omega[(omega >= low) & (omega <= high)]
+    if not omega.size:
+        what = f"no frequency between {low:g} and {high:g} rad/s"
+        raise RecordError(what, where=record.name, remedy="give a longer record")
     u, y = u - u.mean(), y - y.mean(axis=1, keepdims=True)
-    omega = 2.0 * math.pi * np.fft.rfftfreq(size, step)
-    U, Y = np.fft.rfft(windows * u, size), np.empty((len(names), tapers, omega.size), dtype=complex)
-    for i, row in enumerate(y):
-        lag = _lag(u, row, round(_LATEST / step))
-        aligned = np.concatenate([row[lag:], np.full(lag, row[-1])])
-        Y[i] = np.fft.rfft(windows * aligned, size) * np.exp(-1j * omega * step * lag)
-    keep = (omega >= low) & (omega <= high)
-    if not keep.any():
-        raise RecordError(f"no frequency between {low:g} and {high:g} rad/s", where=record.name, remedy="give a longer record")
-    U, Y, omega = U[:, keep], Y[:, :, keep], omega[keep]
+    lags = [_lag(u, row, round(_LATEST / step)) for row in y]
+    aligned = [np.concatenate([row[lag:], np.full(lag, row[-1])]) for row, lag in zip(y, lags, strict=True)]
+    hertz = omega / (2.0 * math.pi)
+    rows = sine_segments([np.array([u, *aligned])], step, tapers, hertz, derivatives=0).transforms[:, 0]
+    late = np.exp(-1j * omega * step * np.array(lags)[:, None])
+    U, Y = rows[0], rows[1:] * late[:, None, :]
     Suu, Syy = (np.abs(U) ** 2).mean(axis=0), (np.abs(Y) ** 2).mean(axis=1)
     Syu = (Y * np.conj(U)).mean(axis=1)
     coherence = np.abs(Syu) ** 2 / np.maximum(Suu * Syy, np.finfo(float).tiny)
@@ -116,7 +124,13 @@ class ResponseFit:
     converged: bool
 
 
-def model_response(system: System, values: Mapping[str, float], omega: np.ndarray, outputs: Sequence[str], delay: str = "delay") -> np.ndarray:
+def model_response(
+    system: System,
+    values: Mapping[str, float],
+    omega: np.ndarray,
+    outputs: Sequence[str],
+    delay: str = "delay",
+) -> np.ndarray:
     """Response ``(m, n)`` of a System linearised at rest to its first input, a pure delay of that input included."""
     p = system.parameters.with_values(values).values().tolist()
     x0, u0 = [0.0] * len(system.states), [0.0] * len(system.inputs)
@@ -132,7 +146,11 @@ def model_response(system: System, values: Mapping[str, float], omega: np.ndarra
 
 
 def fit_response(
-    response: FrequencyResponse, system: System, free: Sequence[str], outputs: Sequence[str] | None = None, delay: str = "delay"
+    response: FrequencyResponse,
+    system: System,
+    free: Sequence[str],
+    outputs: Sequence[str] | None = None,
+    delay: str = "delay",
 ) -> ResponseFit:
     """Fit a model's named parameters to an estimated response, starting from the System's values.
 
@@ -145,7 +163,11 @@ def fit_response(
     names = tuple(outputs) if outputs is not None else tuple(name for name in response.outputs if name in system.output_names)
     for name in names:
         if name not in response.outputs:
-            raise ModelError("it is not among the estimated responses", where=f"fit_response, {name}", remedy=f"use {', '.join(response.outputs)}")
+            raise ModelError(
+                "it is not among the estimated responses",
+                where=f"fit_response, {name}",
+                remedy=f"use {', '.join(response.outputs)}",
+            )
     rows = [response.outputs.index(name) for name in names]
     c = np.minimum(response.coherence[rows], 0.99)
     power = c / (1.0 - c) / response.omega
@@ -158,8 +180,18 @@ def fit_response(
         ratio = np.log(found / response.response[rows])
         return np.concatenate([(_DECIBEL * weight * ratio.real).ravel(), (_PHASE * weight * ratio.imag).ravel()])
 
-    found = least_squares(errors, start, bounds=(bounds[0], bounds[1]), x_scale=np.maximum(np.abs(start), 1e-3), max_nfev=500)
-    return ResponseFit(dict(zip(free, found.x.tolist(), strict=True)), float(2.0 * found.cost / weight.size), found.status > 0)
+    found = least_squares(
+        errors,
+        start,
+        bounds=(bounds[0], bounds[1]),
+        x_scale=np.maximum(np.abs(start), 1e-3),
+        max_nfev=500,
+    )
+    return ResponseFit(
+        dict(zip(free, found.x.tolist(), strict=True)),
+        float(2.0 * found.cost / weight.size),
+        found.status > 0,
+    )
 
 
 def _held_delay(system: System, delay: str) -> float:
