@@ -24,6 +24,7 @@ from ident.frequency_response.transfer_function import (
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError, ModelError, RecordError
 
+NO_DELAY = 1e-9  # s, below which a delay is rounding
 UNCERTAIN, INSENSITIVE = 0.2, 0.1  # of a value: Tischler and Remple's limits of both deviations
 
 
@@ -223,7 +224,7 @@ def transfer_text(function: FittedResponse) -> str:
     """``"(5.98 s + 7.3) / (s^2 + 3.2 s + 16.1) exp(-0.0101 s)"``."""
     top, bottom = _polynomial(function.numerator), _polynomial(function.denominator)
     late = function.values["delay"]
-    return f"({top}) / ({bottom})" + (f" exp(-{late:.4g} s)" if late else "")
+    return f"({top}) / ({bottom})" + (f" exp(-{late:.4g} s)" if late > NO_DELAY else "")
 
 
 def _polynomial(coefficients: np.ndarray) -> str:
@@ -247,10 +248,17 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
     for function in fits.fit.functions:
         if function.cost > GOOD:
             out.append(f"{function.name}, {function.form.name}: {cost_sentence(function)}")
+        late = function.values["delay"] if "delay" in function.std else np.inf
+        none = late < 2.0 * function.std.get("delay", 0.0)
+        if none:
+            std = function.std["delay"]
+            shown = late if late > NO_DELAY else 0.0
+            out.append(f"{function.name}: the delay is {shown:.2g} +- {std:.2g} s, which may be none; --fix delay=0 leaves it out")
         open_ = [
             name
             for name, std in function.std.items()
-            if std > UNCERTAIN * abs(function.values[name]) or function.insensitivity[name] > INSENSITIVE * abs(function.values[name])
+            if (name != "delay" or not none)
+            and (std > UNCERTAIN * abs(function.values[name]) or function.insensitivity[name] > INSENSITIVE * abs(function.values[name]))
         ]
         if open_:
             limits = f"deviation above {100 * UNCERTAIN:.0f} % or {100 * INSENSITIVE:.0f} % alone"

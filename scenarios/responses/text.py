@@ -88,7 +88,7 @@ def fit_columns(found: Responses, row: int, column: int) -> list[Column]:
         size = max(abs(value), 1e-300)
         if name in function.std:
             std, alone = function.std[name], function.insensitivity[name]
-            shares = [f"{100.0 * each / size:.3g}" for each in (std, alone)]
+            shares = [f"{100.0 * each / size:.3g}" if std < size else "-" for each in (std, alone)]
             cells = [number(value, std), f"{std:.2g}", *shares]
         else:
             cells = [f"{value:.5g}", "fixed", "-", "-"]

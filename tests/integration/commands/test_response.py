@@ -242,6 +242,20 @@ def test_from_a_log_to_a_transfer_function_in_three_commands(tmp_path: Path, cap
     assert (out / "mismatch.png").is_file() and "Transfer functions" in (out / "report.html").read_text()
 
 
+def test_a_delay_that_may_be_none_is_said_and_is_no_rounding_in_print(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    time = 0.01 * np.arange(6000)
+    stick = np.sin(2.0 * np.pi * (0.05 * time + 0.02 * time**2))
+    _, rate, _ = signal.lsim(signal.TransferFunction([8.0, 6.0], [1.0, 3.2, 6.5]), stick, time)
+    path = write_csv(tmp_path, time=time, a=stick, b=rate + 0.01 * np.random.default_rng(2).standard_normal(time.size))
+    asked = ("response", path, "--input", "a", "--output", "b", "--fit", "pitch")
+    assert typed(*asked) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "the delay is" in printed and "which may be none; --fix delay=0 leaves it out" in printed
+    assert "e-1" not in printed and "e+1" not in printed
+    assert typed(*asked, "--fix", "delay=0") == 0
+    assert "may be none" not in capsys.readouterr().out
+
+
 def test_fits_in_python(tmp_path: Path) -> None:
     time, target, rate = chirp_flight(8)
     lead = signal.lfilter([1.0 - 0.8], [1.0, -0.8], rate)
