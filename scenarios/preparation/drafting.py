@@ -119,11 +119,8 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
     ----------
     file : the file as it was read. rate : Hz, of a file without a clock.
     """
-    topics = file.topics or (Topic("", file.table),)
-    degrees = _in_degrees(topics)
-    no_channels = (*SURFACES, "airspeed") if _is_multirotor(topics) else COMMANDS
-    known = [channel for channel in CHANNEL_UNITS if channel not in no_channels]
-    found = [guess for channel in known if (guess := _guess(channel, topics, degrees)) is not None]
+    topics = _topics_of(file)
+    found = _guesses(CHANNEL_UNITS, topics, _in_degrees(topics))
     clockless: tuple[str, ...] = ()
     if not any(guess.channel == TIME for guess in found) and len(topics) == 1 and rate is None:
         clockless = ("the file has no clock; give its rate with --rate HZ, or name the column of time",)
@@ -155,9 +152,7 @@ def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
     -------
     The column or expression of each channel for which one is found.
     """
-    topics = file.topics or (Topic("", file.table),)
-    found = ((channel, _guess(channel, topics, ())) for channel in channels)
-    return {channel: str(guess.choice.column) for channel, guess in found if guess is not None}
+    return {guess.channel: str(guess.choice.column) for guess in _guesses(channels, _topics_of(file), ())}
 
 
 def map_text(draft: Draft) -> str:
@@ -261,6 +256,18 @@ def _is_multirotor(topics: Sequence[Topic]) -> bool:
         return any(_plain(split_header(cell)[0]) in map(_plain, COMMANDS) for cell in topics[0].table.header)
     airspeed = any(topic.name.split("[")[0] in ("ARSP", "AOA", "airspeed_validated") for topic in topics)
     return _has("RATE.ROut", topics) and not airspeed
+
+
+def _topics_of(file: RecordFile) -> Sequence[Topic]:
+    """The topics of a log; a table is one without a name."""
+    return file.topics or (Topic("", file.table),)
+
+
+def _guesses(channels: Iterable[str], topics: Sequence[Topic], degrees: Collection[str]) -> list[Guess]:
+    """The best columns of channels, those left out that what flies has not."""
+    absent = (*SURFACES, "airspeed") if _is_multirotor(topics) else COMMANDS
+    found = (_guess(channel, topics, degrees) for channel in channels if channel not in absent)
+    return [guess for guess in found if guess is not None]
 
 
 def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> Guess | None:
@@ -382,7 +389,7 @@ def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> li
     Channels of one clock are read together, so that it is read once; each by itself only where one
     of them has a fault.
     """
-    topics = file.topics or (Topic("", file.table),)
+    topics = _topics_of(file)
     clock = {guess.channel: guess.choice for guess in guesses if guess.channel == TIME}
     topic_of = {_path(topic, cell): topic.name for topic in file.topics for cell in topic.table.header}
     groups: dict[frozenset[str], list[Guess]] = {}

@@ -248,20 +248,25 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
     for function in fits.fit.functions:
         if function.cost > GOOD:
             out.append(f"{function.name}, {function.form.name}: {cost_sentence(function)}")
-        late = function.values["delay"] if "delay" in function.std else np.inf
-        none = late < 2.0 * function.std.get("delay", 0.0)
-        if none:
-            std = function.std["delay"]
+        uncertain = [name for name in function.std if _hardly_determined(function, name)]
+        if _may_be_none(function):
+            late, std = function.values["delay"], function.std["delay"]
             shown = late if late > NO_DELAY else 0.0
             out.append(f"{function.name}: the delay is {shown:.2g} +- {std:.2g} s, which may be none; --fix delay=0 leaves it out")
-        open_ = [
-            name
-            for name, std in function.std.items()
-            if (name != "delay" or not none)
-            and (std > UNCERTAIN * abs(function.values[name]) or function.insensitivity[name] > INSENSITIVE * abs(function.values[name]))
-        ]
-        if open_:
+            uncertain = [name for name in uncertain if name != "delay"]
+        if uncertain:
             limits = f"deviation above {100 * UNCERTAIN:.0f} % or {100 * INSENSITIVE:.0f} % alone"
-            said = f"{function.name}: {', '.join(open_)} hardly determined ({limits})"
+            said = f"{function.name}: {', '.join(uncertain)} hardly determined ({limits})"
             out.append(f"{said}; fix one of them with --fix, or take a lower order")
     return tuple(out)
+
+
+def _hardly_determined(function: FittedResponse, name: str) -> bool:
+    """Whether one of the two deviations of a free parameter exceeds its limit."""
+    size = abs(function.values[name])
+    return function.std[name] > UNCERTAIN * size or function.insensitivity[name] > INSENSITIVE * size
+
+
+def _may_be_none(function: FittedResponse) -> bool:
+    """Whether a free delay differs from zero by less than two standard deviations."""
+    return "delay" in function.std and function.values["delay"] < 2.0 * function.std["delay"]
