@@ -23,13 +23,12 @@ UNUSED = ("aileron", "roll_rate", "engine_speed", "fuel")  # beside elevator, al
 
 
 def fly_flight(folder: Path) -> tuple[list[Path], Path, Path]:
-    """Records to fit, record held out and vehicle file of a stand-in for a measured flight."""
-    from scenarios.studies.catalogue import load_document
-    from scenarios.trials.standin.flights.flight import fly_standin, write_flight
-    from scenarios.trials.standin.schema import standin_of
+    """Records to fit, record held out and vehicle file of a surrogate flight for a measured flight."""
+    from exam.surrogates.catalogue import load_surrogate
+    from exam.surrogates.flights.flight import fly_surrogate, write_flight
 
     folder.mkdir()
-    paths, vehicle = write_flight(fly_standin(standin_of(*load_document("standin-one", CHANGES)), SEED), folder)
+    paths, vehicle = write_flight(fly_surrogate(load_surrogate("surrogate-one", CHANGES), SEED), folder)
     for path in paths:
         add_channels(path)
     return paths[:-1], paths[-1], vehicle

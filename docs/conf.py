@@ -67,6 +67,7 @@ contents = {
         "how-to/own-record",
         "how-to/estimate",
         "how-to/maneuvers",
+        "how-to/frequency-responses",
         "how-to/own-flight-data",
         "how-to/lateral-and-longitudinal",
         "own-models",

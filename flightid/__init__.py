@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from scenarios.api.fleets.survey import Survey, survey
     from scenarios.api.identification import Identification, identify
     from scenarios.api.libraries import effects, models, scenarios, vehicles
-    from scenarios.api.loop.campaign import CampaignOfTheLoop
     from scenarios.api.maneuvers import Maneuvers, find_maneuvers
     from scenarios.api.planning.design import Design, design
     from scenarios.api.prediction import Prediction, predict
     from scenarios.api.records.record import Record, read_record
+    from scenarios.api.response import FrequencyResponse, frequency_response
     from scenarios.api.shown.parameters import Parameter, Parameters
     from scenarios.api.shown.table import Table
     from scenarios.api.study import Study, run, simulate
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
 # Where each name stands.
 _EXPORTS = {
     **dict.fromkeys(("Campaign", "campaign"), "campaign"),
-    "CampaignOfTheLoop": "loop.campaign",
     **dict.fromkeys(("Check", "check"), "check"),
     **dict.fromkeys(("Design", "design"), "planning.design"),
     **dict.fromkeys(("Diagnosis", "diagnose"), "diagnosis"),
+    **dict.fromkeys(("FrequencyResponse", "frequency_response"), "response"),
     "InputError": "errors",
     **dict.fromkeys(("Identification", "identify"), "identification"),
     **dict.fromkeys(("effects", "models", "scenarios", "vehicles"), "libraries"),
@@ -59,10 +59,10 @@ _EXPORTS = {
 
 __all__ = [
     "Campaign",
-    "CampaignOfTheLoop",
     "Check",
     "Design",
     "Diagnosis",
+    "FrequencyResponse",
     "Identification",
     "InputError",
     "Maneuvers",
@@ -81,6 +81,7 @@ __all__ = [
     "diagnose",
     "effects",
     "find_maneuvers",
+    "frequency_response",
     "identify",
     "models",
     "own_model",

@@ -3,31 +3,37 @@
 from __future__ import annotations
 
 from scenarios.api.plot import (
+    bandwidth,
     correlation,
     derivatives,
     evidence,
     fit,
     held_out,
     maneuvers,
+    mismatch,
     prediction,
     reconstruction,
     record,
     replication,
     residuals,
+    response,
     spectra,
 )
 
 __all__ = [
+    "bandwidth",
     "correlation",
     "derivatives",
     "evidence",
     "fit",
     "held_out",
     "maneuvers",
+    "mismatch",
     "prediction",
     "reconstruction",
     "record",
     "replication",
     "residuals",
+    "response",
     "spectra",
 ]

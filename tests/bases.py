@@ -70,6 +70,13 @@ LONGITUDINAL_VALUES = {
     **{"Cm_0": 0.01, "Cm_V": 0.0258, "Cm_alpha": -0.54, "Cm_q": -14.3, "Cm_de": -0.912},
 }
 
+MULTIROTOR_VALUES = {
+    **{"L_p": -5.1, "L_lat": 90.0, "L_0": 0.03, "L_qr": -0.7},
+    **{"M_q": -1.7, "M_lon": 75.0, "M_0": -0.02, "M_pr": 0.65},
+    **{"N_r": -0.6, "N_ped": 17.0, "N_0": 0.01, "N_pq": 0.05},
+    **{"Z_col": -25.0, "Z_0": -0.3},
+}
+
 
 def rigid_model(values: Mapping[str, float] = RIGID_VALUES) -> Model:
     """The rigid aircraft at rest in trim; derivatives free, the rest held."""
@@ -102,6 +109,12 @@ def longitudinal_model(values: Mapping[str, float] = LONGITUDINAL_VALUES) -> Mod
     initial = {"airspeed": values["reference_airspeed"], "alpha": LEVEL[0], "theta": LEVEL[0], "q": 0.0}
     noise = Noise({"airspeed": 0.1, "alpha": 0.001, "theta": 0.001, "q": 0.001, "nz": 0.01, "nx": 0.002})
     return model_from_constants("longitudinal", {}, values, initial=initial).with_noise(noise)
+
+
+def multirotor_model(values: Mapping[str, float] = MULTIROTOR_VALUES) -> Model:
+    """A quadrotor in hover whose motors follow at once."""
+    noise = Noise({"p": 3e-4, "q": 3e-4, "r": 3e-4, "az": 0.02})
+    return model_from_constants("multirotor", {}, values).with_noise(noise)
 
 
 def level_flight(values: Mapping[str, float] = LONGITUDINAL_VALUES) -> tuple[float, float, float]:
@@ -172,6 +185,13 @@ def longitudinal_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
     return Flight(time, np.array([LEVEL[1] + three_two_one_one(time, 0.6, 0.4, 0.08), thrust]), max_step=0.04)
 
 
+def multirotor_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
+    """A 3-2-1-1 of each of roll, pitch and yaw before the last has ended, and a step of thrust from hover."""
+    time = np.arange(round(duration * rate) + 1) / rate
+    moments = [three_two_one_one(time, 0.4 + 0.6 * n, 0.24, size) for n, size in enumerate((0.002, 0.002, 0.008))]
+    return Flight(time, np.array([*moments, 0.38 + 0.05 * (time >= 2.6 - 1e-9)]), max_step=0.04)
+
+
 def base_for(equations: str) -> tuple[Model, Flight]:
     """Model and flight by the name of the equations."""
     return {
@@ -180,6 +200,7 @@ def base_for(equations: str) -> tuple[Model, Flight]:
         "ballistic": (ballistic_model(), ballistic_flight()),
         "lateral": (lateral_model(), lateral_flight()),
         "longitudinal": (longitudinal_model(), longitudinal_flight()),
+        "multirotor": (multirotor_model(), multirotor_flight()),
     }[equations]
 
 

@@ -12,12 +12,14 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.record import Channel, Record
 from sim.vehicles.factory import model_from_constants
+from sim.vehicles.multirotor import Multirotor
 from tests import whole_axes
 from tests.bases import BALLISTIC_VALUES, LOES_CONSTANTS, LOES_VALUES, RIGID_VALUES, Flight, fly, three_two_one_one
 from tests.own_models import roll
+from tests.recorders import quadrotor
 from tests.rigid_problem import FREE
 
-MODELS = ("rigid", "flexible", "loes", "ballistic", "lateral", "longitudinal", "own")
+MODELS = ("rigid", "flexible", "loes", "ballistic", "lateral", "longitudinal", "multirotor", "own")
 WRONG = (1.2, 0.85, 1.15, 0.9)  # times the true values, in turn
 _NOISE = {"alpha": 0.001, "q": 0.002, "nz": 0.01, "altitude": 6.0, "p": 0.004, "phi": 0.003}
 _UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m", "p": "rad/s", "phi": "rad"}
@@ -43,6 +45,8 @@ def case_of(model: str, seed: int = 0, noise: float = 1.0) -> Case:
         wrong = _wrong(whole_axes.TRUE[model])
         share = {name: wrong[name] / value for name, value in whole_axes.TRUE[model].items()}
         return Case(whole_axes.flown(model, seed, noise=noise), whole_axes.vehicle_file(model, share), whole_axes.TRUE[model])
+    if model == "multirotor":
+        return _quadrotor(seed, noise)
     rng = np.random.default_rng(seed)
     if model == "ballistic":
         constants = {name: value for name, value in BALLISTIC_VALUES.items() if name != "beta"}
@@ -74,6 +78,16 @@ def case_of(model: str, seed: int = 0, noise: float = 1.0) -> Case:
     record = _record(flown, time, {"elevator": three_two_one_one(time, size=0.05)}, rng, noise)
     mode = {"frequency": _MODE["omega1"], "damping": _MODE["zeta1"], "generalized_mass": _MODE["generalized_mass1"], **_MODAL}
     return Case(record, VehicleFile("aircraft", "flexible", constants, _wrong(true), ((1, mode),)), true)
+
+
+def _quadrotor(seed: int, noise: float) -> Case:
+    """A quadrotor under its rate controller, simulated apart from the project."""
+    columns = quadrotor.flight(seed=seed, noise=noise, duration=18.0)
+    equations = Multirotor()
+    channels = {signal.name: Channel.of(signal.name, signal.unit, columns[signal.name]) for signal in (*equations.inputs, *equations.outputs)}
+    inputs, outputs = ([channels[signal.name] for signal in some] for some in (equations.inputs, equations.outputs))
+    record = Record(columns["time"], tuple(inputs), tuple(outputs), name="record.csv")
+    return Case(record, VehicleFile("quadrotor", "multirotor", {}, quadrotor.STARTS), quadrotor.TRUTH)
 
 
 def _wrong(true: Mapping[str, float]) -> dict[str, float]:

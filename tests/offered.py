@@ -10,11 +10,12 @@ from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.lateral import Lateral
 from sim.vehicles.loes import Loes
 from sim.vehicles.longitudinal import Longitudinal
+from sim.vehicles.multirotor import Multirotor
 from sim.vehicles.short_period import ShortPeriod
 
 # Every instance on these is held to every law; on the whole axes those of ``representatives``.
 VEHICLES: tuple[Equations, ...] = (ShortPeriod(), Loes(), Ballistic())
-WHOLE_AXES: tuple[Equations, ...] = (Lateral(), Longitudinal())
+WHOLE_AXES: tuple[Equations, ...] = (Lateral(), Longitudinal(), Multirotor())
 ALL_VEHICLES = (*VEHICLES, *WHOLE_AXES)
 
 

@@ -12,26 +12,32 @@ from benchmarks.comparison.timing import quartiles, ratios
 from benchmarks.comparison.whole_process import measured
 
 FLIGHTID = [sys.executable, "-m", "scenarios"]
-# Arguments of a campaign, its runs, those of a quick benchmark, and rounds.
-STUDIES = (("rigid", 10000, 1000, 3), ("standin-none", 4, 2, 1))
+ROOT = Path(__file__).resolve().parents[2]
+_RUN = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from exam.__main__ import main; sys.exit(main())"
+EXAM = [sys.executable, "-c", _RUN]  # is not installed
+# A campaign: its name, its command, its runs, those of a quick benchmark, and rounds.
+STUDIES = (
+    ("campaign rigid", [*FLIGHTID, "campaign", "rigid", "--quiet"], 10000, 1000, 3),
+    ("exam surrogates surrogate-none", [*EXAM, "surrogates", "surrogate-none"], 4, 2, 1),
+)
 ASKED_RUNS = (1000, 100_000)
 
 
 def jobs(pace: Pace, folder: Path, say: Callable[[str], None]) -> Table:
     """Campaigns by one process and by two, in turn."""
     rows, data = [], {}
-    for name, whole, few, rounds in STUDIES:
-        if pace.small and name != "rigid":
+    for name, words, whole, few, rounds in STUDIES:
+        if pace.small and name != "campaign rigid":
             continue
         runs = few if pace.small else whole
-        say(f"jobs: campaign {name} --runs {runs}, one and two processes")
+        say(f"jobs: {name} --runs {runs}, one and two processes")
         found: dict[int, list[float]] = {1: [], 2: []}
         for _ in range(min(rounds, pace.cold_rounds)):
             for count in found:
-                command = [*FLIGHTID, "campaign", name, "--runs", str(runs), "--jobs", str(count), "--quiet", "--no-figures"]
+                command = [*words, "--runs", str(runs), "--jobs", str(count), "--no-figures"]
                 found[count].append(measured(command, folder).seconds)
         gain = ratios(found[1], found[2])
-        study = f"campaign {name} --runs {runs}"
+        study = f"{name} --runs {runs}"
         rows.append((f"`{study}`", *(seconds(quartiles(found[count]).median) for count in found), times(gain)))
         data[study] = {"seconds": {str(count): values for count, values in found.items()}, "gain": gain._asdict()}
     about = """Whole processes with one thread each, start included, on the cores named above.

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
-from ident.filters.filterpy_import import extended_kalman_filter
 from ident.filters.history import HistoryKeeper, breakdown, empty_history, finished
 from ident.filters.one_record import Equations, filter_one
 from ident.filters.problem import FilterProblem, filter_problem, with_free
@@ -130,8 +129,10 @@ def filter_by_complex_step(
 
 
 def _filtered(problem: FilterProblem, equations: _Linearised, start: np.ndarray | None, about: np.ndarray | None) -> Estimate:
+    from filterpy.kalman import ExtendedKalmanFilter  # its import loads scipy.stats: only filters pay for that
+
     n, m = len(problem.names), len(problem.variance)
-    ekf = extended_kalman_filter()(dim_x=n, dim_z=m)
+    ekf = ExtendedKalmanFilter(dim_x=n, dim_z=m)
     ekf.x = (problem.start if start is None else start).reshape(n, 1).copy()
     ekf.P, ekf.R = problem.covariance.copy(), np.diag(problem.variance)
     samples, keeper = problem.grid.sample.tolist(), HistoryKeeper(problem)

@@ -20,14 +20,14 @@ from ident.maneuver_detection.signals import Stretch
 
 # Axis -> what is differentiated, and derivative -> its regressor; a regressor that is not recorded is left out.
 EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
-    "pitch": ("q", {"Cm_alpha": "alpha", "Cm_q": "q", "Cm_de": "elevator", "M_delta": "stick"}),
+    "pitch": ("q", {"Cm_alpha": "alpha", "Cm_q": "q", "Cm_de": "elevator", "M_delta": "stick", "M_lon": "pitch_command"}),
     "roll": (
         "p",
-        {"Cl_beta": "beta", "Cl_p": "p", "Cl_r": "r", "Cl_da": "aileron", "Cl_dr": "rudder"},
+        {"Cl_beta": "beta", "Cl_p": "p", "Cl_r": "r", "Cl_da": "aileron", "Cl_dr": "rudder", "L_lat": "roll_command"},
     ),
     "yaw": (
         "r",
-        {"Cn_beta": "beta", "Cn_p": "p", "Cn_r": "r", "Cn_da": "aileron", "Cn_dr": "rudder"},
+        {"Cn_beta": "beta", "Cn_p": "p", "Cn_r": "r", "Cn_da": "aileron", "Cn_dr": "rudder", "N_ped": "yaw_command"},
     ),
     "throttle": ("airspeed", {"X_V": "airspeed", "X_thrust": "thrust"}),
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
@@ -79,14 +79,16 @@ def pulls(stretch: Stretch) -> list[tuple[int, int]]:
     return out
 
 
-def trim_points(stretch: Stretch, quiet: np.ndarray) -> list[Maneuver]:
-    """Parts of at least ``TRIM_TIME`` in which the inputs are quiet (``(N,)``) and speed, height and attitude are constant."""
+def trim_points(stretch: Stretch, quiet: np.ndarray, controls: Mapping[str, np.ndarray]) -> list[Maneuver]:
+    """Parts of at least ``TRIM_TIME`` in which the inputs are quiet (``(N,)``) and speed, height, attitude and controls are constant.
+
+    ``controls`` : by how much the averages over 1 s of each may change meanwhile, ``(N,)``, in its unit.
+    """
     size = stretch.samples(TRIM_TIME)
     steady = quiet.copy()
-    for name, spread in TRIM_SPREAD.items():
-        if name not in stretch.outputs:
-            continue
-        smooth = uniform_filter1d(stretch.outputs[name], stretch.samples(1.0), mode="nearest")
+    looked = [(name, stretch.outputs[name], spread) for name, spread in TRIM_SPREAD.items() if name in stretch.outputs]
+    for name, values, spread in [*looked, *((name, stretch.inputs[name], spread) for name, spread in controls.items())]:
+        smooth = uniform_filter1d(values, stretch.samples(1.0), mode="nearest")
         allowed = spread * np.abs(smooth) if name == "airspeed" else spread
         around = maximum_filter1d(smooth, size, mode="nearest") - minimum_filter1d(smooth, size, mode="nearest")
         steady &= around <= allowed

@@ -27,6 +27,7 @@ LASTING = 10.0  # s of a lasting step that are its maneuver
 SETTLE = 0.6  # s before and after a pattern, over which the levels outside are averaged
 SHARES = {"3-2-1-1": np.array([3.0, 2.0, 1.0, 1.0]) / 7.0}
 SHARE_ERROR = 0.1  # of the whole duration, by which a level of a 3-2-1-1 may be off
+PAUSED = (0.75, 7.0)  # flatness and edge of each half of a doublet with a pause, as of a pulse that counts by itself
 UNLIKE = 2.2  # ratio of durations of the two levels of a doublet
 SWITCH = 0.35  # of the amplitude, at which a half wave begins and ends
 AMPLITUDE = 95.0  # per cent of the larger samples that do not exceed the amplitude
@@ -101,11 +102,29 @@ def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[
             for times in _sequences(stretch, some, moved):
                 if times not in found and (one := _pattern(control, np.array(times))) is not None:
                     found[times] = one
+    every = [*found.values(), *_paused(values - trim, list(found.values()))]
     out: list[Shape] = []
-    for _, shape in sorted(found.values(), key=lambda each: (-each[0], each[1].first)):
+    for _, shape in sorted(every, key=lambda each: (-each[0], each[1].first)):
         if not any(shape.first < other.last and other.first < shape.last for other in out):
             out.append(shape)
     return [*out, *_lasting(control, at, out)]
+
+
+def _paused(deviation: np.ndarray, found: Sequence[tuple[float, Shape]]) -> Iterator[tuple[float, Shape]]:
+    """Doublets with a pause between their halves: pulses of opposite sign and like duration, apart by no more than the shorter of them."""
+    pulses = sorted(((merit, one) for merit, one in found if one.kind == "pulse"), key=lambda each: each[1].first)
+    for i, (merit, one) in enumerate(pulses):
+        for other_merit, other in pulses[i + 1 :]:
+            sizes = (one.last - one.first, other.last - other.first)
+            if other.first - one.last > min(sizes):
+                break
+            signs = np.mean(deviation[one.first : one.last]) * np.mean(deviation[other.first : other.last])
+            amplitudes = (one.amplitude, other.amplitude)
+            if other.first <= one.last or signs >= 0.0 or max(sizes) > UNLIKE * min(sizes) or min(amplitudes) < LEVELS * max(amplitudes):
+                continue
+            worst = [min(getattr(one, name), getattr(other, name)) for name in ("flatness", "edge", "sharpness")]
+            if worst[0] >= PAUSED[0] and worst[1] >= PAUSED[1]:
+                yield (merit + other_merit) * 2.0**COMPLETE, Shape("doublet", one.first, other.last, max(amplitudes), *worst)
 
 
 def _lasting(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iterator[Shape]:

@@ -16,6 +16,10 @@ AXES: Mapping[str, str] = {
     "aileron": "roll",
     "rudder": "yaw",
     "thrust": "throttle",
+    "roll_command": "roll",
+    "pitch_command": "pitch",
+    "yaw_command": "yaw",
+    "thrust_command": "throttle",
 }
 FASTEST = 50.0  # Hz; a faster record is averaged down to at most this rate
 PAUSE = 1.0  # s without a row, behind which another stretch begins

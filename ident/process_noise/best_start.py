@@ -24,6 +24,8 @@ from sim.errors import FlightidError
 
 AT_ITS_LIMIT = 2.0  # times the lowest (or one over that times the highest) value of a noise level: it has run there, or would with one step more
 ABSURD = 1e-3  # of the sigma that all samples together could give a parameter each of them shows fully: no record knows it better
+_CHANGES, _CHANGED = 100, 0.3  # draws about the fit, and the change of each parameter relative to its value
+_REPEATED = 1e-6  # of an output's change, below which it follows from the others: far above rounding, far below any parameter's part
 _STILL = 1e-4  # of log likelihood: a step that gains less is none
 # Of a motion that grows: in gusts fits settle in ten to thirty steps with it, and creep with 1e-7; in still air the usual one does better.
 _LEAST_DAMPING = 1e-10
@@ -55,10 +57,10 @@ def degenerate(fit: Fit) -> bool:
 
 
 def without_measurement_noise(fit: Fit) -> bool:
-    """Whether the record itself has hardly any measurement noise: all its outputs are met so, and they outnumber the sources of process noise.
+    """Whether the record itself has hardly any measurement noise: all outputs are met so, and more of them than process noise has sources.
 
     A filter may follow as many outputs exactly as process noise has sources, whatever the derivatives are; each further output is met
-    exactly by the right ones only. Noise levels are then upper bounds, and so are the sigmas.
+    exactly by the right ones only, unless it repeats others (see ``_distinct_outputs``). Noise levels and sigmas are then upper bounds.
     """
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
@@ -68,7 +70,38 @@ def without_measurement_noise(fit: Fit) -> bool:
         int(np.count_nonzero(np.array(fit.layout.system.noise(fit.layout.split(fit.theta, r)[0].tolist())[0]) > 0))
         for r in range(len(fit.layout.problems))
     )
-    return len(own) > sources and bool(np.all(own <= np.maximum(AT_ITS_LIMIT * low, quiet)))
+    return bool(np.all(own <= np.maximum(AT_ITS_LIMIT * low, quiet))) and _distinct_outputs(fit) > sources
+
+
+def _distinct_outputs(fit: Fit) -> int:
+    """Number of estimated outputs of which none is the same function of others at every value of the parameters, a constant apart.
+
+    A channel recorded twice, or an angle computed from a measured velocity, repeats another one: a filter that follows the one
+    meets both, at any derivatives. The number is the rank of the outputs at states, inputs and parameters all changed about the fit.
+    """
+    noise_model, layout, rng = fit.noise_model, fit.layout, np.random.default_rng(0)
+    assert isinstance(noise_model, ProcessNoise)
+    system, rows = layout.system, []
+    p, _ = layout.split(fit.theta, 0)
+    at = [system.parameters.index(name) for name in layout.shared if not name.startswith("bias_")]
+    x, record = fit.lines[0].states, layout.problems[0].record
+    u = np.array([record[name].values for name in system.input_names])
+    x_size, u_size = np.std(x, axis=1), np.std(u, axis=1)
+    with np.errstate(all="ignore"):
+        for _ in range(_CHANGES):
+            k = rng.integers(len(record))
+            states = x[:, min(k, x.shape[1] - 1)] + x_size * rng.standard_normal(len(x_size))
+            inputs = u[:, k] + u_size * rng.standard_normal(len(u_size))
+            changed = p.copy()
+            changed[at] *= 1.0 + _CHANGED * rng.standard_normal(len(at))
+            rows.append(system.h(float(record.time[k]), states.tolist(), inputs.tolist(), changed.tolist()))
+    values = np.array(rows, dtype=float)[:, list(noise_model.estimated)]
+    values = values[np.all(np.isfinite(values), axis=1)]
+    if len(values) < 2:
+        return 0
+    away = values - np.mean(values, axis=0)
+    size = np.linalg.norm(away, axis=0)
+    return int(np.linalg.matrix_rank(away / np.where(size > 0.0, size, 1.0), tol=_REPEATED))
 
 
 def _motion(layout: FitLayout, output: int) -> float:

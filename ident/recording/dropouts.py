@@ -74,16 +74,22 @@ def _sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
 
 
 def _fill(series: Series) -> tuple[float, np.ndarray]:
-    values = series.values
-    nothing = np.zeros(len(values), dtype=bool)
-    for value in (float(np.max(values)), float(np.min(values))):
+    found = fill_value(series.values, series.noise)
+    at = np.zeros(len(series.values), dtype=bool) if found is None else series.values == found
+    return found or 0.0, at
+
+
+def fill_value(values: np.ndarray, noise: float = 0.0) -> float | None:
+    """The largest or smallest value where it comes twice at least and is far outside the range of all
+    others, as -999 for no measurement; else None. ``noise``: standard deviation, in their unit."""
+    for value in (float(np.max(values)), float(np.min(values))) if values.size else ():
         at = values == value
         rest = values[~at]
         if value == 0.0 or np.count_nonzero(at) < 2 or len(rest) < len(values) // 2:
             continue
-        if float(np.min(np.abs(rest - value))) > OUTSIDE * max(float(np.ptp(rest)), 10.0 * series.noise) > 0.0:
-            return value, at
-    return 0.0, nothing
+        if float(np.min(np.abs(rest - value))) > OUTSIDE * max(float(np.ptp(rest)), 10.0 * noise) > 0.0:
+            return value
+    return None
 
 
 def _lasts(series: Series, begin: int, end: int) -> float:

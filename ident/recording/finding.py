@@ -17,6 +17,7 @@ class Kind(Enum):
 
     HELD = "held"
     INTERPOLATED = "interpolated"
+    FILTERED = "filtered"
     STUCK = "stuck"
     CLIPPED = "clipped"
     DROPOUT = "dropout"

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.recording.band_limited import band_limited
 from ident.recording.dropouts import dropouts
 from ident.recording.extremes import clipped
 from ident.recording.finding import Certainty, Expectations, Finding
@@ -47,11 +48,13 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Findi
         found += [*dropouts(series, len(record), is_input=True), *clipped(series, len(record), is_input=True)]
         filled = interpolated(series, len(record), is_input=True)
         found += [filled] if filled is not None else []
+    limited = [one for series in inputs if (one := band_limited(series)) is not None]
+    found += limited
     clean = _without(record, masked)
     whole = [series_of(clean, clean[series.name]) for series in outputs if not _mostly(masked.get(series.name))]
     for series in whole:
         others = [other for other in whole if other is not series]
-        looked = (coarse(series), changing_noise(series, len(record), inputs, others), hum(series, inputs))
+        looked = (coarse(series), changing_noise(series, len(record), inputs, others), hum(series, inputs), _band_limited(series, limited))
         found += [one for one in looked if one is not None]
     found += zero_steps([series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)], inputs, masked, over)
     if expected.aircraft:
@@ -82,6 +85,12 @@ def _samples(series: Series, others: Sequence[Series], inputs: Sequence[Series],
             taken |= still.mask
     masked[series.name] = taken
     return out
+
+
+def _band_limited(series: Series, inputs: Sequence[Finding]) -> Finding | None:
+    """An output's end of the spectrum, unless that of an input explains it: a motion without noise ends where what excites it does."""
+    found = band_limited(series)
+    return None if found is None or any(0.5 < one.numbers["cutoff"].value / found.numbers["cutoff"].value < 2.0 for one in inputs) else found
 
 
 def _mostly(mask: np.ndarray | None) -> bool:

@@ -28,6 +28,8 @@ CLEARLY = 4.0  # times less than as read, and than any reading of another kind
 NEAR = 3.0  # factor within which a control power is that of the vehicle's data; effects and starting values differ by 2, degrees by 57
 # Correlation of changes of nz and alpha: 0.88 at least with any effect of the library; a control moves otherwise.
 TOGETHER, APART = 0.85, 0.7
+# Rows of a lag: with two, a motion has four samples a period, and of 600 sound light aircraft one was read as in ms.
+RESOLVED = 3
 SHIFTS = (0.0, 0.05, 0.1, 0.2)  # s: delays and lags of sensors
 SMALL_ANGLES = ("alpha", "elevator", "beta", "aileron", "rudder")  # in rad, of a motion that linear equations describe
 LARGEST, REACHED = 1.5, 99.0  # rad away from the middle that a hundredth of the samples may reach, and the rest in per cent
@@ -74,7 +76,7 @@ def _far(channel: Channel) -> Finding | None:
     if reach <= LARGEST:
         return None
     told = f"moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
-    remedy = f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map"
+    remedy = f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map; if it is right, {channel.name} = false there"
     return Finding(channel.name, Kind.UNIT, Certainty.CERTAIN, told, remedy, numbers={"reach": Number(reach, "rad")})
 
 
@@ -143,7 +145,8 @@ def _best(columns: Columns, as_read: float, expected: Expectations) -> Finding |
         numbers = {"unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(best.left, "1")}
         what = f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion unexplained, read so {_percent(best.left)}"
         # Without alpha nz stands for it, which an accelerometer off the centre of gravity does badly: only a sign is beyond that.
-        certainty = Certainty.CERTAIN if "alpha" in columns.outputs or best.kind is Kind.SIGN else Certainty.LIKELY
+        plain = ("alpha" in columns.outputs or best.kind is Kind.SIGN) and lag_of(columns) >= RESOLVED
+        certainty = Certainty.CERTAIN if plain else Certainty.LIKELY
         if rivals:
             what += f"; or {' or '.join(f'{one.channel} {one.sentence}' for one in rivals[:2])}"
         return Finding(best.channel, best.kind, certainty, what, best.remedy, numbers=numbers)

@@ -18,6 +18,11 @@ RESOLVED = 0.7
 STEPPED = 0.1  # of a converter's step, within which nine tenths of the differences lie on its multiples; a fifth of them by chance
 BOTH_WAYS = 0.05  # share of the differences that rise or rest, and that fall or rest, in a signal that shows its converter
 LATTICE = 3.5  # steps of a converter up to which differences are compared: a calibration that drifts shifts larger ones
+# A converter behind a correction that moves on (an angle of attack brought to the c.g., an airspeed worked out from two
+# pressures): within a fifth of its step lie two fifths of any other differences, .7 to .97 of the ATTAS records'.
+SPREAD, SHARE, MOST_OTHERS, ENOUGH = 0.2, 0.65, 0.9, 100
+TURNS = 0.2  # share of the differences of other sign than the one before: of a motion without noise hardly any are
+FINE_DIGITS = 0.05  # of the usual difference: digits that are printed so coarsely have steps of their own
 FINEST = 1e-6  # of a channel's span: the step of a converter of twenty bits, finer than any sensor's noise
 SMALLEST = 1e-9  # of a channel's span, below which a scatter is rounding
 
@@ -114,7 +119,9 @@ def _converter_step(values: np.ndarray, exact: float) -> float:
     if moving.size < FEWEST:
         return 0.0
     starts = np.quantile(moving, (0.02, 0.1, 0.2, 0.3, 0.4, 0.5))
-    return max(_lattice_step(sizes, start) for start in starts.tolist())
+    found = max(_lattice_step(sizes, start) for start in starts.tolist())
+    turning = float(np.mean(differences[1:] * differences[:-1] < 0.0))
+    return found or (_blurred_step(moving) if exact < FINE_DIGITS * float(np.median(moving)) and turning > TURNS else 0.0)
 
 
 def _lattice_step(sizes: np.ndarray, step: float) -> float:
@@ -128,6 +135,26 @@ def _lattice_step(sizes: np.ndarray, step: float) -> float:
         step = float(count @ near / (count @ count))
     several = len(np.unique(count[count > 0.0])) > 1
     return step if several and np.mean(np.abs(near / step - count) < STEPPED) > 0.9 else 0.0
+
+
+def _blurred_step(moving: np.ndarray) -> float:
+    """The step on whose multiples, blurred by a correction behind the converter, most sizes lie; 0 where there is none.
+
+    ``moving``: sizes of differences, zeros left out. The step is at most three times smaller than they usually are, and two
+    multiples of it or more occur: a triangle has one.
+    """
+    usual = float(np.median(moving))
+    best, found = SHARE, 0.0
+    for step in np.geomspace(usual / LATTICE, 2.0 * usual, 100).tolist():
+        ratio = moving[moving < LATTICE * step] / step
+        if ratio.size < ENOUGH:
+            continue
+        count = np.round(ratio)
+        inside = np.abs(ratio - count) < SPREAD
+        share, occurring = float(np.mean(inside)), np.bincount(count[inside].astype(int))
+        if share > best and np.max(occurring) < MOST_OTHERS * np.sum(occurring):
+            best, found = share, step
+    return found
 
 
 def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:

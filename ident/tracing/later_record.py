@@ -29,25 +29,39 @@ def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """The free simulations before and after, and their errors; ``finite`` False where what was found cannot be simulated on this record."""
+    """The free simulations before and after, and their errors.
 
-    prediction: Prediction
+    Attributes
+    ----------
+    predictions : of each part of the record. before, after : errors of all parts together.
+    counted : samples of each part that count in the errors, ``(m, N)`` in the order of the
+        prediction's channels.
+    finite : False where what was found cannot be simulated on this record.
+    """
+
+    predictions: tuple[Prediction, ...]
     before: ErrorFigures
     after: ErrorFigures
+    counted: tuple[np.ndarray, ...]
     finite: bool
 
 
-def predict(before: Trained, after: Trained, declared: Model, record: Record, spiked: Sequence[str] = ()) -> Predicted:
-    """Predict a record with the declared model as fitted, and with the effects found.
+def predict(before: Trained, after: Trained, declared: Model, parts: Sequence[Record], spiked: Sequence[str] = ()) -> Predicted:
+    """Predict a record, or its parts between gaps, with the declared model as fitted, and with the
+    effects found.
 
-    All is frozen but initial states, biases and events. ``declared`` has its biases, prepared as for the fit; ``spiked`` inputs are mended.
+    All is frozen but initial states, biases and events, which each part has for itself.
+    ``declared`` has its biases, prepared as for the fit;
+    ``spiked`` inputs are mended.
     """
     outputs = after.outputs
-    mended = [with_mended(record, spiked)]
+    mended = [with_mended(part, spiked) for part in parts]
     masks = held_out_masks(frozen_on(before, declared, mended, None), mended, outputs)
     fits = [frozen_on(trained, declared, mended, masks).frozen for trained in (before, after)]
-    channels = tuple(name for name in outputs if name in record.output_names)
-    rows = [prediction(fit, 0, record, channels) for fit in fits]
-    (counted,) = spike_masks_of(fits[1], measured_masks([record], outputs)) if fits[1] is not None else measured_masks([record], outputs)
-    figures = [error_figures([row], [record], [counted[[*map(outputs.index, channels)]]], channels) for row in rows]
-    return Predicted(Prediction(record, channels, rows[0], rows[1]), figures[0], figures[1], fits[1] is not None)
+    channels = tuple(name for name in outputs if any(name in part.output_names for part in parts))
+    rows = [[prediction(fit, number, part, channels) for number, part in enumerate(parts)] for fit in fits]
+    every = spike_masks_of(fits[1], measured_masks(parts, outputs)) if fits[1] is not None else measured_masks(parts, outputs)
+    counted = tuple(mask[[*map(outputs.index, channels)]] for mask in every)
+    figures = [error_figures(of_fit, parts, counted, channels) for of_fit in rows]
+    predictions = tuple(Prediction(part, channels, rows[0][number], rows[1][number]) for number, part in enumerate(parts))
+    return Predicted(predictions, figures[0], figures[1], counted, fits[1] is not None)

@@ -1,7 +1,7 @@
 """How probable it is that a claimed name is right: from all sets that were compared, and from what is in none of them.
 
 A set's weight is the likelihood of the data under it, each of its prices a share of what the criterion charges; a set with a guard speaks for
-something else, and so does the share of claims that were wrong in simulated papers and stand-ins whatever the sets said. The numbers are
+something else, and so does the share of claims that were wrong in random cases and surrogate flights whatever the sets said. The numbers are
 calibrated there (``thresholds``), and ``docs/tracing-performance.md`` shows how many of those said to be 90 % right are.
 """
 
@@ -21,7 +21,7 @@ SOMETHING_ELSE = "something else"
 
 @dataclass(frozen=True)
 class Calibration:
-    """What simulated papers and stand-ins teach.
+    """What random cases and surrogate flights teach.
 
     ``temperature`` : by ground, of the log likelihood, one where its model of the noise is right. ``share_of_price`` : of what the criterion
     charges. ``against_guards`` : in twice the log likelihood. ``wrong`` : by ground, the share of claims that are wrong whatever the sets say.

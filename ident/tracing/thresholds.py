@@ -134,9 +134,9 @@ PLACES = 60  # over the record, for effects that may begin anywhere
 AUTOREGRESSION = 12  # order: covers half a second at 25 Hz
 BOOTSTRAP_DRAWS = 400  # a scatter is then known to 4 per cent
 
-# How probable is a name? Calibrated on simulated papers and stand-ins (``scenarios/trials``), none of them of the reliability curve.
-# By what a claim rests on, of its distance in twice the log likelihood; of what was cross-validated in scatters, squared, of 109 claims of stand-ins,
-# under which 0.3 was likeliest: resampled blocks are fewer than the samples that speak.
+# How probable is a name? Calibrated on random cases and surrogate flights (``exam``), none of them of the reliability curve.
+# By what a claim rests on, of its distance in twice the log likelihood; of what was cross-validated in scatters, squared, of 109 claims of
+# surrogate flights, under which 0.3 was likeliest: resampled blocks are fewer than the samples that speak.
 TEMPERATURE = {"noise left": 1.0, "cross-validated": 0.4, "one-step": 1.0, "samples": 1.0}
 SHARE_OF_PRICE = 0.5  # of what the criterion charges
 AGAINST_GUARDS = 0.0  # in twice the log likelihood

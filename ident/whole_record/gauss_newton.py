@@ -120,6 +120,7 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
         if fit is None:
             return None
     damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
+    gain = np.inf
     bare, refused = without_sensitivities(problem), 0.0
     curved = bool(noise_model.names)
     floor = settings.least_damping if curved else _LEAST_DAMPING
@@ -155,6 +156,9 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
                 # No descent is left: at the optimum if the undamped step says so too.
                 outcome = Outcome.CONVERGED if arrived(model, fit.theta, settings) else Outcome.MAX_ITERATIONS
                 break
+    # Steps along a direction that the data do not know may stay long for ever; the likelihood settles.
+    if done == settings.iterations and gain < _NOTHING and arrived(model, fit.theta, settings):
+        outcome = Outcome.CONVERGED
     return replace(_sound(joined_up(fit)) or fit, outcome=outcome, iterations=done)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.api.loop.campaign import CampaignOfTheLoop
 from scenarios.api.running import KEPT, untold
 from scenarios.api.shown import html
 from scenarios.api.shown.report import write_report
@@ -21,11 +19,9 @@ from scenarios.files.declarations import named_after
 from scenarios.studies import campaign as campaigns
 from scenarios.studies.campaign_causes.findings import Judgement, judge
 from scenarios.studies.campaign_causes.page import findings_content
-from scenarios.studies.catalogue import IDENTIFICATION, load_document, scenario_kind
+from scenarios.studies.catalogue import IDENTIFICATION, load_document, moved, scenario_kind
 from scenarios.studies.runs.work import Rebuilt
 from scenarios.tasks.manner import Manner
-from scenarios.trials.campaigns import loop_campaign
-from scenarios.trials.names import EVERY, LOOP
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -151,11 +147,8 @@ def campaign(
     resume: bool = False,
     cluster: str | None = None,
     time_limit: float | None = None,
-    effects: Sequence[str] | None = None,
-) -> Campaign | CampaignOfTheLoop:
+) -> Campaign:
     """The same scenario with ``runs`` seeds that spring from ``seed``: bias, scatter against reported sigma, coverage; as ``flightid campaign``.
-
-    Of ``trace-...``, ``standin-...`` and ``every-effect`` (with ``runs`` flights of each of the ``effects``, else of all) a CampaignOfTheLoop.
 
     ``noise_levels`` : find them by likelihood also where no sigma is wrong.
     ``jobs`` : processes, else one a core. ``out`` : a folder in which runs are kept as they come; ``resume`` goes on with them, ``runs`` may be more
@@ -163,28 +156,18 @@ def campaign(
 
     Raises
     ------
-    InputError : there is no such scenario, method or effect, or ``out`` holds another campaign.
+    InputError : there is no such scenario or method, or ``out`` holds another campaign.
     KeyboardInterrupt : by Ctrl-C; runs that had ended are kept in ``out`` where that is given.
     """
     text = str(name)
     count = _count_of(runs)
-    kind = scenario_kind(text) if text not in LOOP else "the tracing loop"
-    manner = Manner(jobs, None if out is None else Path(out), resume, cluster, time_limit)
-    if effects is not None and text != EVERY:
-        raise DeclarationError(f"these are of {EVERY} alone", where="effects", remedy="leave them out")
-    if text == EVERY or kind in ("trace", "standin"):
-        if method is not None:
-            raise DeclarationError("this campaign has no methods to choose from", where="method", remedy="leave it out")
-        if noise_levels:
-            raise DeclarationError("noise levels are those of an estimator", where="noise_levels", remedy="leave it out")
-        loop = loop_campaign(text, count, changes_of(set), effects)
-        done = loop.fly(count, seed_of(seed), manner)
-        if not done.whole:
-            raise KeyboardInterrupt(f"{done.ended} of {done.asked} flights had ended")
-        return CampaignOfTheLoop(done, loop)
+    kind = scenario_kind(text)
+    if kind == "trace":
+        raise moved(f"a campaign of {text}", f"hidden-effects {text}", "campaign")
     if kind != IDENTIFICATION:
-        what = f"{text} is a campaign of {kind}, which is not run from Python"
-        raise DeclarationError(what, where="campaign", remedy=f"flightid campaign {text} --runs {runs}")
+        what = f"there is no campaign of a scenario of kind {kind}"
+        raise DeclarationError(what, where="campaign", remedy="name a scenario of estimators")
+    manner = Manner(jobs, None if out is None else Path(out), resume, cluster, time_limit)
     document, short, where = load_document(text, changes_of(set))
     again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
     with named_after(where):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.api import plot
-from scenarios.api.asking import Source, Times, plan_from, request_of
+from scenarios.api.asking import Found, Named, Source, Times, plan_from, request_of, with_parts
 from scenarios.api.records.opening import Choices
 from scenarios.api.running import KEPT
 from scenarios.api.shown import html
@@ -121,6 +121,8 @@ def check(
     columns: str | Sequence[str] | None = None,
     start: Times = None,
     stop: Times = None,
+    maneuver: Named = None,
+    maneuvers: Found = None,
     hold: str | None = None,
     rate: float | None = None,
     lowpass: float | None = None,
@@ -133,4 +135,5 @@ def check(
     InputError : anything in the records that keeps them from being used, in one line.
     """
     plan = plan_from(start, stop, hold, rate, lowpass, trust_record, columns)
-    return Check(checking.check_files(request_of(records, "", vehicle, channels=channels, plan=plan)))
+    request = with_parts(request_of(records, "", vehicle, channels=channels, plan=plan), maneuver, maneuvers)
+    return Check(checking.check_files(request))

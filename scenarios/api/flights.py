@@ -52,16 +52,6 @@ def _trace(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
     return Flight((record_of(flight.train),), (record_of(flight.validate),), _vehicle(flight.vehicle_file))
 
 
-def _standin(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
-    from scenarios.trials.standin.flights.flight import fly_standin, vehicle_text
-    from scenarios.trials.standin.schema import standin_of
-
-    standin = standin_of(*load_document(name, changes))
-    with named_after(scenario_file(name)):
-        flight = fly_standin(standin, standin.seed if seed is None else seed)
-    return Flight(tuple(record_of(record) for record in flight.records), (), _vehicle(vehicle_text(flight.drawn)))
-
-
 def _jsbsim(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
     from scenarios.trials.jsbsim.flight import fly_jsbsim
     from scenarios.trials.jsbsim.schema import jsbsim_of
@@ -77,4 +67,4 @@ def _vehicle(text: str) -> Vehicle:
     return Vehicle(content)
 
 
-_FLYING = {"trace": _trace, "standin": _standin, "jsbsim": _jsbsim}
+_FLYING = {"trace": _trace, "jsbsim": _jsbsim}

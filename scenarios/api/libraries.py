@@ -11,6 +11,7 @@ TITLES = {
     "loes": "low-order equivalent system: alpha, q from the stick, a delay",
     "lateral": "sideslip, roll and yaw from aileron and rudder",
     "longitudinal": "airspeed, alpha, attitude and q from elevator and thrust",
+    "multirotor": "roll, pitch and yaw rates and az from commands to the motors",
 }
 
 

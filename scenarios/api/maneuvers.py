@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.api import plot
-from scenarios.api.asking import Source, file_of
+from scenarios.api.asking import Source, file_of, plan_from
 from scenarios.api.records.opening import Choices, choices_of
 from scenarios.api.running import KEPT
 from scenarios.api.shown import html
@@ -96,17 +96,22 @@ class Maneuvers:
         )
 
 
-def find_maneuvers(record: Source, *, channels: Choices | None = None) -> Maneuvers:
+def find_maneuvers(
+    record: Source, *, channels: Choices | None = None, columns: str | Sequence[str] | None = None, rate: float | None = None
+) -> Maneuvers:
     """Find the maneuvers in a record of any length: ``flightid maneuvers`` in Python.
 
     Parameters
     ----------
     record : a ``Record``, or whatever ``read_record`` takes.
-    channels : a channel map as in ``read_record``.
+    channels : a channel map as in ``read_record``. columns : names of the columns of a file without
+        a header, in their order.
+    rate : Hz, of a file without a clock, or of the grid of a log's topics.
 
     Raises
     ------
     InputError : anything in the record that keeps it from being searched, in one line.
     """
     chosen = choices_of(channels)
-    return Maneuvers(finding.maneuvers_of(file_of(record), read_channel_map(chosen) if chosen is not None else None))
+    plan = plan_from(None, None, None, rate, None, False, columns)
+    return Maneuvers(finding.maneuvers_of(file_of(record), read_channel_map(chosen) if chosen is not None else None, plan))

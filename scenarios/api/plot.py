@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from scenarios.diagnosis.tracing import Tracing
     from scenarios.identification.from_files import Identified
     from scenarios.maneuvers.finding import Maneuvers as FoundManeuvers
+    from scenarios.responses.analysis import Responses
     from sim import record as sim_record
 
 
@@ -56,11 +57,43 @@ class Found(Protocol):
     def details(self) -> FoundManeuvers: ...
 
 
+class Responding(Protocol):
+    """Frequency responses of records."""
+
+    @property
+    def details(self) -> Responses: ...
+
+
 def maneuvers(found: Found) -> Figure:
     """The whole flight with its maneuvers marked by their numbers, angles in degrees."""
     from scenarios.plots.maneuvers import figure_flight
 
     return shown(figure_flight(found.details, found.details.identity.name))
+
+
+def response(found: Responding, number: int = 0) -> Figure:
+    """Magnitude, phase and coherence of a frequency response; ``number`` counts the responses from 0, outputs first."""
+    from scenarios.plots.responses import figure_response
+    from scenarios.responses.analysis import pairs
+
+    row, column, _ = _one_of(pairs(found.details), number, "responses")
+    return shown(figure_response(found.details, row, column))
+
+
+def mismatch(found: Responding, number: int = 0) -> Figure:
+    """A frequency response over its fitted transfer function, between the envelopes of dynamics that a pilot does not notice."""
+    from scenarios.plots.responses import figure_mismatch
+    from scenarios.responses.analysis import pairs
+
+    row, column, _ = _one_of(pairs(found.details), number, "responses")
+    return shown(figure_mismatch(found.details, row, column))
+
+
+def bandwidth(found: Responding, number: int = 0) -> Figure:
+    """An attitude response with its bandwidths and phase delay; ``number`` counts those that have one from 0."""
+    from scenarios.plots.responses import figure_bandwidth
+
+    return shown(figure_bandwidth(found.details, number))
 
 
 def record(given: Recorded) -> Figure:

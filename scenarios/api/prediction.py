@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Protocol
 
-from scenarios.api.asking import Declared, Source, Times, effects_of, file_of, model_of, plan_from
+from scenarios.api.asking import Declared, Found, Named, Source, Times, effects_of, file_of, model_of, plan_from, with_parts
 from scenarios.api.records.opening import Choices, choices_of
 from scenarios.api.records.record import Record, record_of
 from scenarios.api.shown import html
@@ -18,6 +18,7 @@ from scenarios.files.channel_names import TIME
 from scenarios.plots.formats import formats_wanted
 from scenarios.prediction import predict as predicting
 from scenarios.prediction.predict import Asked, figures_of, predict_record
+from scenarios.preparation.request import Request
 
 if TYPE_CHECKING:
     import pandas
@@ -113,8 +114,12 @@ def predict(
     model: Declared | None = None,
     effects: str | PathLike[str] | Sequence[Traceable] | None = None,
     channels: Choices | None = None,
+    columns: str | Sequence[str] | None = None,
     start: Times = None,
     stop: Times = None,
+    maneuver: Named = None,
+    maneuvers: Found = None,
+    rate: float | None = None,
     trust_record: bool = False,
 ) -> Prediction:
     """The model that a study keeps on another record: ``flightid predict`` in Python.
@@ -122,7 +127,10 @@ def predict(
     Parameters
     ----------
     study : the folder of an ``identify`` or ``diagnose``, or such a result.
-    record : a ``Record`` or whatever ``read_record`` takes. channels, start, stop, trust_record : as in ``identify``.
+    record : a ``Record`` or whatever ``read_record`` takes. channels, columns, start, stop,
+        maneuver, maneuvers, trust_record : as in
+        ``identify``.
+    rate : Hz, of a record without a clock; the study's reading of the others holds.
     model, effects : a model and effects of your own that the study rests on, or the paths of their files.
 
     Raises
@@ -130,9 +138,10 @@ def predict(
     InputError : the folder keeps no model, or the record cannot be used, in one line.
     """
     own = model_of(model) if model is not None else None
-    plan = plan_from(start, stop, None, None, None, trust_record)
+    plan = plan_from(start, stop, None, rate, None, trust_record, columns)
+    asked_of = with_parts(Request((file_of(record),), plan=plan), maneuver, maneuvers)
     own_model = Path(own) if isinstance(own, str) else own
-    asked = Asked(Path(), file_of(record), choices_of(channels), plan, own_model, effects_of(effects))
+    asked = Asked(Path(), asked_of.records[0], choices_of(channels), asked_of.plan, own_model, effects_of(effects))
     if isinstance(study, str | PathLike):
         return Prediction(predict_record(replace(asked, study=Path(study))))
     with TemporaryDirectory(prefix="flightid-") as scratch:

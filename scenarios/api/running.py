@@ -77,17 +77,6 @@ def _trace(name: str, changes: Sequence[str]) -> Runner:
     return Runner(run, write_trace, _printed(trace_text), partial(trace_text, details=KEPT), counted=False)
 
 
-def _standin(name: str, changes: Sequence[str]) -> Runner:
-    from scenarios.studies.catalogue import load_document
-    from scenarios.trials.standin.files import write_standin
-    from scenarios.trials.standin.schema import standin_of
-    from scenarios.trials.standin.study import run_standin
-    from scenarios.trials.standin.text import standin_text
-
-    run = partial(run_standin, standin_of(*load_document(name, changes)))
-    return Runner(run, write_standin, _printed(standin_text), partial(standin_text, details=KEPT), counted=False)
-
-
 def _loop(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.x29.files import write_loop
     from scenarios.x29.printing import print_loop
@@ -134,7 +123,6 @@ def _printed(text: Callable[[Any, int, str], str]) -> Callable[[Any, str], None]
 LOADERS: Mapping[str, Callable[[str, Sequence[str]], Runner]] = {
     "identification": _identification,
     "trace": _trace,
-    "standin": _standin,
     "x29": _loop,
     "jsbsim": _flown_only,
 }

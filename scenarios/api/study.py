@@ -36,7 +36,7 @@ class Study:
 
     Attributes
     ----------
-    name : the scenario's. kind : ``identification``, ``trace``, ``standin`` or ``x29``.
+    name : the scenario's. kind : ``identification``, ``trace`` or ``x29``.
     details : everything that the library knows of it, of another type for each kind.
     """
 
@@ -73,7 +73,7 @@ class Study:
     @cached_property
     def diagnosis(self) -> Diagnosis | None:
         """What the tracing loop said, of scenarios of its own."""
-        return Diagnosis(self.details.tracing) if self.kind in ("trace", "standin") else None
+        return Diagnosis(self.details.tracing) if self.kind == "trace" else None
 
     @cached_property
     def records(self) -> tuple[Record, ...]:

@@ -19,6 +19,7 @@ from scenarios.cli.declared.maneuvers import maneuvers
 from scenarios.cli.declared.map import map_
 from scenarios.cli.declared.predict import predict
 from scenarios.cli.declared.report import report
+from scenarios.cli.declared.response import response
 from scenarios.cli.declared.run import run
 from scenarios.cli.declared.simulate import simulate
 from scenarios.cli.declared.survey import survey
@@ -28,7 +29,7 @@ from scenarios.cli.helping import GroupedCommands, WithExamples
 # The commands by group: a further one is a file in `declared` and its name here.
 COMMANDS: Mapping[str, tuple[Callable[..., Any], ...]] = {
     "Studies": (run, compare, simulate, campaign, design, report),
-    "Measured data": (map_, maneuvers, identify, diagnose, predict, check, survey, watch),
+    "Measured data": (map_, maneuvers, response, identify, diagnose, predict, check, survey, watch),
     "Libraries": (list_, models, vehicles, effects),
     "Teaching": (lab,),
 }

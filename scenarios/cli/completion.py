@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from scenarios.trials.names import LOOP
-
 # Said here once more, so that neither help nor completion loads what computes; a test holds both against the lists that count.
-MODEL_NAMES = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal")
+MODEL_NAMES = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal", "multirotor")
 METHOD_NAMES = ("output-error", "filter-error", "frequency-domain", "equation-error", "ekf", "ukf")
 
 
@@ -16,11 +14,6 @@ def scenarios(incomplete: str) -> list[str]:
     from scenarios.studies.catalogue import scenario_names
 
     return _beginning(scenario_names(), incomplete)
-
-
-def campaigns(incomplete: str) -> list[str]:
-    """Scenarios, and the campaigns of the tracing loop itself."""
-    return [*scenarios(incomplete), *_beginning(LOOP, incomplete)]
 
 
 def models(incomplete: str) -> list[str]:

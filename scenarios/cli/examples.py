@@ -21,8 +21,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
     ),
     "campaign": (
         ("flightid campaign rigid --runs 100", "bias, scatter and coverage over a hundred seeds"),
-        ("flightid campaign every-effect --effects drag-jump --runs 2", "each effect that is named, planted and asked for"),
-        ("flightid campaign trace-vane --runs 2 --out campaign", "how often what is hidden is found, and something false claimed"),
+        ("flightid campaign ballistic --runs 20 --out campaign", "the same into a folder, with figures and every run"),
     ),
     "map": (
         ("flightid map flight.csv", "the content of a recorder's file, and drafts of its channel map and vehicle file"),
@@ -31,6 +30,10 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
     "maneuvers": (
         ("flightid maneuvers flight.csv", "steps, doublets, sweeps, turns and the like in a long record"),
         ("flightid maneuvers flight.csv --out found", "with the flight in a figure and maneuvers.toml for --maneuver"),
+    ),
+    "response": (
+        ("flightid response flight.csv --input elevator --output q --out bode", "the response of the pitch rate to the elevator"),
+        ("flightid response flight.csv --input elevator --output q --output alpha --band 0.2 2", "two outputs, in a band in Hz"),
     ),
     "identify": (
         ("flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --out fit", "parameters of a model from a record"),

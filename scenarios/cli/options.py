@@ -34,6 +34,10 @@ Rate = Annotated[
     float | None,
     typer.Option("--rate", metavar="HZ", help="Resample all channels to this rate behind one filter; of a record without a clock: its rate."),
 ]
+ClockRate = Annotated[
+    float | None,
+    typer.Option("--rate", metavar="HZ", help="Of a record without a clock: its rate; of a log of topics: that of their grid."),
+]
 Columns = Annotated[
     str | None, typer.Option("--columns", metavar="NAME,NAME,...", help="Names of the columns, of a file without a header or instead of its own.")
 ]

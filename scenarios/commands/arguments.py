@@ -64,7 +64,7 @@ def _unsaid(option: str, taken: int) -> list[str]:
 def one_segment(plan: Plan) -> Plan:
     """A plan for one part of a record; DeclarationError where it has several."""
     if len(plan.segments) > 1:
-        raise DeclarationError("a prediction is of one part of a record", where="--from, --to", remedy="give each of them once")
+        raise DeclarationError("a prediction is of one part of a record", where="--from, --to, --maneuver", remedy="give each of them once")
     return plan
 
 

@@ -16,7 +16,6 @@ from scenarios.studies.runs.work import Rebuilt
 from scenarios.tasks.manner import Manner, stopped
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.summary import details_in, written_to
-from scenarios.trials.names import EVERY, LOOP
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -55,35 +54,26 @@ def run_campaign(
     *,
     levels: bool = False,
     progress: bool = True,
-    effects: Sequence[str] | None = None,
 ) -> None:
     """Run, print, and write ``campaign.json`` and the runs into ``manner.out``; of a scenario of estimators by one ``method``, else its main.
 
     ``levels``: noise levels by likelihood even where no sigma is wrong. ``progress`` False: nothing is shown of how far it is.
-    Ctrl-C leaves the table of the runs that had ended. ``effects`` : of ``every-effect``.
+    Ctrl-C leaves the table of the runs that had ended.
     """
-    from scenarios.studies.catalogue import IDENTIFICATION, load_document, load_scenario, scenario_kind
+    from scenarios.studies.catalogue import (
+        IDENTIFICATION,
+        load_document,
+        load_scenario,
+        moved,
+        scenario_kind,
+    )
 
-    refuse_effects(name, effects)
-
-    kind = "" if name in LOOP else scenario_kind(name)
+    kind = scenario_kind(name)
+    if kind == "trace":
+        raise moved(f"a campaign of {name}", f"hidden-effects {name}")
     if kind != IDENTIFICATION:
-        refuse_method(method)
-        if levels:
-            raise DeclarationError("noise levels are those of an estimator", where="--noise-levels", remedy="leave it out")
-    if name == EVERY or kind in ("standin", "trace"):
-        from scenarios.commands.simulated.loop import run_loop_campaign
-
-        run_loop_campaign(name, runs, seed, manner, changes, figures, progress=progress, effects=effects)
-        return
-    if name in LOOP:
-        from scenarios.commands.trials import run_trials
-
-        run_trials(name, runs, seed, manner, changes, progress)
-        return
-    if kind != IDENTIFICATION:
-        remedy = "scenarios that have one are simulated flights, trace-... and standin-..."
-        raise DeclarationError(f"there is no campaign of a scenario of kind {kind}", where=name, remedy=remedy)
+        what = f"there is no campaign of a scenario of kind {kind}"
+        raise DeclarationError(what, where=name, remedy="name a scenario of estimators")
     document, short, where = load_document(name, changes)
     again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
     _run(load_scenario(name, changes), again, runs, seed, manner, figures, method or "main", levels=levels, progress=progress)
@@ -93,13 +83,6 @@ def refuse_method(method: str | None) -> None:
     """Raise DeclarationError where a method is named for what has one alone."""
     if method is not None:
         raise DeclarationError("this campaign has no methods to choose from", where="--method", remedy="leave it out")
-
-
-def refuse_effects(name: str | None, effects: Sequence[str] | None, only: int | None = None) -> None:
-    """Raise DeclarationError where effects, or one flight, are asked for of another campaign than ``every-effect``."""
-    for option, given in (("--effects", effects), ("--only", only)):
-        if given is not None and name != EVERY:
-            raise DeclarationError("this is of every-effect alone", where=option, remedy="leave it out")
 
 
 def _run(

@@ -40,7 +40,11 @@ def draft_map(path: Path, out: Path | None, rate: float | None, columns: str | N
     _write(out, draft)
     print(f"\n{out / CHANNELS}, {out / VEHICLE}: drafts to check and complete")
     if draft.model:
-        print(f"next: flightid identify {path} --model {draft.model} --channels {out / CHANNELS} --vehicle {out / VEHICLE}")
+        # What opened the file here opens it there.
+        opening = [f"--rate {rate:g}" if rate is not None else "--rate HZ" if draft.clockless else "", f"--columns {columns}" if columns else ""]
+        words = " ".join(word for word in opening if word)
+        files = f"--channels {out / CHANNELS} --vehicle {out / VEHICLE}"
+        print(f"next: flightid identify {path} --model {draft.model} {files}{f' {words}' if words else ''}")
 
 
 def _print_topics(draft: Draft, *, whole: bool) -> None:

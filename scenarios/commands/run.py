@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from scenarios.api.running import LOADERS, Progress, Runner, flown_record
 from scenarios.commands.simulated.jsbsim import simulate_jsbsim
 from scenarios.commands.simulated.planted import simulate_own, simulate_trace
-from scenarios.commands.simulated.standin import simulate_standin
 from scenarios.files.declarations import named_after
 from scenarios.plots.formats import Formats
 from scenarios.terminal.progress import progress_bar
@@ -114,7 +113,7 @@ def simulate(what: str | OwnFlight, out: Path, seed: int | None, changes: Sequen
     try:
         if not isinstance(what, str):
             return simulate_own(what, out, seed, changes)
-        whole = {"standin": simulate_standin, "trace": simulate_trace, "jsbsim": simulate_jsbsim}.get(scenario_kind(what))
+        whole = {"trace": simulate_trace, "jsbsim": simulate_jsbsim}.get(scenario_kind(what))
         if whole is not None:
             return whole(what, out, seed, changes)
         record = flown_record(what, seed, changes)

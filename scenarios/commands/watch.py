@@ -22,6 +22,7 @@ from sim.errors import DeclarationError, FlightidError, RecordError
 from sim.record import Hold
 
 if TYPE_CHECKING:
+    from scenarios.preparation.plan import Plan
     from scenarios.watching.page.follow import Follow
 
 PIPE = "-"
@@ -42,13 +43,14 @@ def watch_stream(
     refine: bool,
     page: bool = False,
     port: int | None = None,
+    plan: Plan | None = None,
 ) -> None:
     """Follow the stream to its end, then print, and write where a folder is named; with a ``page`` serve it until Ctrl-C."""
     if port is not None and not page:
         raise DeclarationError("there is no page to serve", where="--port", remedy="add --page")
     if model not in WATCHED:
         raise DeclarationError(f"there is no model {model!r} for a stream", where="--model", remedy=f"use {', '.join(WATCHED)}")
-    watch = _prepared(record, vehicle, reference, channels, refine)
+    watch = _prepared(record, vehicle, reference, channels, refine, plan)
     if out is not None and record != PIPE:
         refuse_overwriting(Path(record), out)
     limit = idle if idle is not None else None if record == PIPE else FILE_IDLE
@@ -87,18 +89,19 @@ def _stay(watch: Watch, session: Session, end: Outcome, follow: Follow) -> None:
         until_interrupted()
 
 
-def _prepared(record: str, vehicle: Path | None, reference: Path | None, channels: Path | None, refine: bool = True) -> Watch:
+def _prepared(record: str, vehicle: Path | None, reference: Path | None, channels: Path | None, refine: bool, plan: Plan | None) -> Watch:
     from scenarios.files.channels import read_channel_map
     from scenarios.files.measured.sidecar import read_sidecar
 
     known = read_reference(reference) if reference is not None else None
     choices = read_channel_map(channels) if channels is not None else None
+    names, rate = (plan.columns, plan.rate) if plan is not None else ((), None)
     if record == PIPE:
-        return Watch("standard input", vehicle, known, choices, {}, refine)
+        return Watch("standard input", vehicle, known, choices, {}, refine, columns=names, rate=rate)
     sidecar = read_sidecar(Path(record))
     if sidecar.hold is not Hold.PREVIOUS:
         raise RecordError("its inputs are linear between samples", where=record, remedy="a stream holds them; use flightid identify")
-    return Watch(record, vehicle, known, choices, sidecar.units, refine, sidecar.file)
+    return Watch(record, vehicle, known, choices, sidecar.units, refine, sidecar.file, names, rate)
 
 
 @contextmanager

@@ -105,7 +105,7 @@ def check_files(request: Request) -> Check:
     look = joined([look for _, _, look in read], trusted=plan.trusted)
     result = compatibility(records, settings)
     vehicle = declared.identity if declared is not None else None
-    notes = (*read_beside(files, beside), *(note for _, told, _ in read for note in told), *(note for _, note in parted if note))
+    notes = (*read_beside(files, beside), *plan.chosen, *(note for _, told, _ in read for note in told), *(note for _, note in parted if note))
     check = Check(result, records, settings, identities(files), vehicle, notes, look, all_simulated(files))
     if declared is None:
         return check

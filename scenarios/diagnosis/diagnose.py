@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ident.tracing.diagnosis import Diagnosis, Verdict
+from ident.tracing.diagnosis import Diagnosis, Prediction, Verdict
 from scenarios.diagnosis.candidates import can_act, candidates_for
 from scenarios.diagnosis.effort import settings_of
 from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, tells_times
@@ -19,6 +19,7 @@ from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.measured.record_file import all_simulated, refuse_twice
 from scenarios.files.own_models import is_of_aircraft, moves_about_rest
 from scenarios.files.vehicles import read_beside, refuse_unknown_model, vehicle_beside
+from scenarios.preparation.gaps import Parted, parts_of, put_together
 from scenarios.preparation.plan import WHOLE, Plan
 from scenarios.preparation.request import Request
 from scenarios.preparation.vehicle_model import step_for
@@ -101,6 +102,7 @@ class _Study:
     def told(self, posed: Posed, diagnosis: Diagnosis, kinematics: Kinematics | None = None, decides: Design | None = None) -> Tracing:
         """The result with what went in."""
         opened = self.opened
+        diagnosis = replace(diagnosis, predictions=_whole(diagnosis.predictions, posed.parted))
         if not moves_about_rest(posed.model):
             diagnosis = replace(diagnosis, derived_before={}, derived_after={}, modes_before=None, modes_after=None)
         assert opened.vehicle.identity is not None
@@ -126,6 +128,19 @@ class _Study:
             all_simulated([*opened.records, *opened.validation]),
             decides,
         )
+
+
+def _whole(predictions: Sequence[Prediction], parted: Sequence[Parted]) -> tuple[Prediction, ...]:
+    """The predictions with the parts of each record that was named for it put together."""
+    if not parted:
+        return tuple(predictions)
+    out = []
+    for one, span in parts_of(parted, [each.record for each in predictions]):
+        some = predictions[span]
+        rows = [[each.before for each in some], [each.after for each in some]]
+        record, (before, after) = put_together(one, [each.record for each in some], rows)
+        out.append(Prediction(record, some[0].channels, before, after))
+    return tuple(out)
 
 
 def _decides(diagnosis: Diagnosis, request: Request, opened: Opened, posed: Posed) -> Design | None:

@@ -13,6 +13,7 @@ from scenarios.files.measured.record_file import RecordFile, identities, path_of
 from scenarios.files.own_models import channel_units, is_model_file
 from scenarios.files.sources import InputFile, Source, read_source
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_beside
+from scenarios.preparation.gaps import Parted
 from scenarios.preparation.holding_out import split_off
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.recording import RawLook
@@ -42,7 +43,12 @@ class Opened:
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """What the loop is given of the records, and which files that is: ``fitted`` and ``validation`` hold their names and hashes."""
+    """What the loop is given of the records, and which files that is: ``fitted`` and ``validation``
+    hold their names and hashes.
+
+    ``parted``: records that are predicted, each with the number of its parts in ``predicted``; none
+    where something is held out of ``records``.
+    """
 
     model: Model
     records: tuple[Record, ...]
@@ -53,6 +59,7 @@ class Posed:
     notes: tuple[str, ...]
     doubts: tuple[str, ...]
     look: RawLook
+    parted: tuple[Parted, ...] = ()
 
 
 def opened_files(request: Request, vehicle: Path | Source | None) -> Opened:
@@ -78,8 +85,8 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
         if held_out_from is None and len(plan.segments) == 1 and len(whole) == len(opened.records):
             files = (opened.records[:-1], opened.records[-1:])
     refuse_still(whole, model)
-    refuse_unpredictable(ready.validation, model)
-    return Posed(model, fitted, predicted, identities(files[0]), identities(files[1]), held_out_from, notes, ready.doubts, ready.look)
+    refuse_unpredictable(ready.predicted, model)
+    return Posed(model, fitted, predicted, identities(files[0]), identities(files[1]), held_out_from, notes, ready.doubts, ready.look, ready.parted)
 
 
 def _ready(opened: Opened, model: Model, plan: Plan) -> Prepared:

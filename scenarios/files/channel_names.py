@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -25,6 +26,10 @@ CHANNEL_UNITS: Mapping[str, str] = MappingProxyType(
         "aileron": "rad",
         "rudder": "rad",
         "thrust": "N",
+        "roll_command": "1",
+        "pitch_command": "1",
+        "yaw_command": "1",
+        "thrust_command": "1",
         "beta": "rad",
         "p": "rad/s",
         "r": "rad/s",
@@ -40,3 +45,26 @@ CHANNEL_UNITS: Mapping[str, str] = MappingProxyType(
         "az": "m/s2",
     }
 )
+
+CLOCK_NAMES = (
+    "time", "t", "timestamp", "timeus", "timems", "timens", "time_us", "time_ms", "time_ns", "time_s", "timestamp_us", "timestamp_ms",
+    "timestamp_ns", "elapsed", "elapsed time", "elapsed_time", "seconds", "sec", "utc", "utc time", "utc_time", "datetime", "date_time",
+    "date", "gps_time", "tout", "irig", "irig time", "irig_time", "zeit",
+    "time_boot_ms", "x_value",
+)  # fmt: skip
+_ELEMENT = re.compile(r"\w+\[(0|[2-9]|\d\d+)\]")  # an element of an array, as q[0]; of q[1] the unit may be 1
+_BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
+
+
+def split_header(cell: str) -> tuple[str, str | None]:
+    """Name and unit of ``name [unit]`` or ``name (unit)``; the unit is None without brackets."""
+    found = _BRACKETS.fullmatch(cell)
+    if found is None or not found[1] or _ELEMENT.fullmatch(cell):
+        return cell, None
+    return found[1], (found[2] if found[2] is not None else found[3]).strip()
+
+
+def is_clock(name: str) -> bool:
+    """Whether a header names a clock, in whatever case and with any unit in brackets."""
+    plain = re.sub(r"\s*[\[(].*", "", name).strip().lower()
+    return plain in CLOCK_NAMES or plain.replace(" ", "_") in CLOCK_NAMES

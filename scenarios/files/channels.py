@@ -21,6 +21,8 @@ class ColumnChoice:
     ----------
     column : header of the column, with or without its unit in brackets; its number, counted from 1; or an expression over columns
         (``scenarios.files.measured.expressions``). In a log of several topics ``topic.field``.
+        Empty: the record has no such channel,
+        whatever its columns are called.
     unit : unit of the column or of the expression's result; None leaves it to the header, or to the units of the columns.
     scale, offset : the channel is ``scale * column + offset``, in ``unit``, in SI where none is given.
     delay : s, by which the column was recorded late: the channel at ``t`` is the column at ``t + delay``.
@@ -37,6 +39,11 @@ class ColumnChoice:
     hold: str | None = None
 
     @property
+    def absent(self) -> bool:
+        """Whether the channel is not to be read."""
+        return self.column == ""
+
+    @property
     def computed(self) -> bool:
         """Whether anything but the column's own numbers is wanted."""
         return (self.scale, self.offset, self.delay, self.table) != (1.0, 0.0, 0.0, None)
@@ -46,7 +53,9 @@ def read_channel_map(path: str | Path | Mapping[str, Any], known: Iterable[str] 
     """Channel name -> column, from a TOML file or as a mapping.
 
     Lines are such as ``alpha = "AoA1"``, ``alpha = {column = "AoA1", unit = "deg"}``, ``q = {column = 4, unit = "deg/s"}``,
-    ``elevator = {column = "0.5*(elevon_left + elevon_right)", unit = "deg"}`` or ``elevator = {sum = ["a", "b"], scale = 0.5}``.
+    ``elevator = {column = "0.5*(elevon_left + elevon_right)", unit = "deg"}`` or
+    ``elevator = {sum = ["a", "b"], scale = 0.5}``;
+    with ``airspeed = false`` the record counts as one without that channel.
 
     ``known``: all channels that there are.
 
@@ -66,6 +75,10 @@ def read_channel_map(path: str | Path | Mapping[str, Any], known: Iterable[str] 
 
 def _choice(entry: ColumnEntry) -> ColumnChoice:
     """What the reader is given: ``bias`` is taken off, ``sign`` turns the scale."""
+    from scenarios.files.channels_schema import ABSENT
+
+    if entry.column == ABSENT:
+        return ColumnChoice("")
     column = entry.column if entry.sum is None else " + ".join(f"`{name}`" for name in entry.sum)
     assert column is not None
     table = None if entry.table is None else (tuple(entry.table[0]), tuple(entry.table[1]))

@@ -10,6 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 from pydantic_core import PydanticCustomError
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True)
+ABSENT = "\0"  # the column of a channel that a map declares as not there, which no header can be
 
 
 _Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -47,6 +48,8 @@ def _increasing(values: Sequence[float]) -> bool:
 
 
 def _table(value: object) -> object:
+    if value is False:
+        return {"column": ABSENT}
     if isinstance(value, str | int) and not isinstance(value, bool):
         return {"column": value}
     if not isinstance(value, dict):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import wraps
 from itertools import pairwise
 from pathlib import Path
+from typing import ParamSpec
 
 import numpy as np
 
@@ -21,6 +23,8 @@ from scenarios.files.measured.sidecar import refuse_unknown_units
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
+
+P = ParamSpec("P")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +49,7 @@ class Window:
         return cut if self.order is None else cut[self.order]
 
 
-def read_record(
+def read_with_notes(
     source: str | Path | RecordFile,
     model_inputs: Sequence[str] = (),
     model_outputs: Sequence[str] = (),
@@ -57,8 +61,10 @@ def read_record(
     instead: Mapping[str, str] | None = None,
     known: Mapping[str, str] = CHANNEL_UNITS,
     rate: float | None = None,
-) -> Record:
-    """The channels of a model from a file of any format.
+) -> tuple[Record, tuple[str, ...]]:
+    """The channels of a model from a file of any format, and what was decided about the file, one
+    sentence each: encoding, clock, merged topics,
+    inputs that are continued between their own samples.
 
     Parameters
     ----------
@@ -83,23 +89,6 @@ def read_record(
     ------
     RecordError : anything that keeps the file from being used as it stands.
     """
-    return read_with_notes(source, model_inputs, model_outputs, channel_map, start, stop, optional, hold, instead, known, rate)[0]
-
-
-def read_with_notes(
-    source: str | Path | RecordFile,
-    model_inputs: Sequence[str] = (),
-    model_outputs: Sequence[str] = (),
-    channel_map: Mapping[str, ColumnChoice] | None = None,
-    start: float | None = None,
-    stop: float | None = None,
-    optional: Sequence[str] = (),
-    hold: Hold | None = None,
-    instead: Mapping[str, str] | None = None,
-    known: Mapping[str, str] = CHANNEL_UNITS,
-    rate: float | None = None,
-) -> tuple[Record, tuple[str, ...]]:
-    """As ``read_record``, and what was decided about the file, one sentence each: encoding, clock, merged topics, continued inputs."""
     file = source if isinstance(source, RecordFile) else read_record_file(source)
     channel_map = channel_map or file.choices
     others = list(dict.fromkeys((*model_outputs, *optional, *(instead or {}).values())))
@@ -139,6 +128,19 @@ def read_with_notes(
     return record, tuple(notes)
 
 
+def _alone(read: Callable[P, tuple[Record, tuple[str, ...]]]) -> Callable[P, Record]:
+    """A function that takes what ``read`` takes and returns its record alone."""
+
+    @wraps(read)
+    def alone(*arguments: P.args, **keywords: P.kwargs) -> Record:
+        return read(*arguments, **keywords)[0]
+
+    return alone
+
+
+read_record = _alone(read_with_notes)
+
+
 def window_of(file: RecordFile, start: float | None = None, stop: float | None = None) -> tuple[np.ndarray, slice]:
     """Time stamps of a file between two times, s, checked as ``read_record`` checks them, and their rows. Raises RecordError."""
     window = _time(file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), start, stop, None)
@@ -157,6 +159,19 @@ def refuse_without_clock(file: RecordFile) -> None:
         remedy = "name its channels with a channel map; flightid map drafts one"
         raise RecordError(f"a log of {len(file.topics)} topics", where=str(file.path), remedy=remedy)
     _clock_column(file, file.choices, CHANNEL_UNITS, None)
+
+
+def has_clock(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> bool:
+    """Whether a file has one clock, mapped or found by its name; a log of several topics has
+    several."""
+    return not file.topics and (TIME in (channel_map or file.choices) or clock_place(file.table) is not None)
+
+
+def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> None:
+    """Raise RecordError where a file has one clock, so that no rate is missing: for a search among
+    the samples as they were taken."""
+    if has_clock(file, channel_map):
+        raise RecordError("the file has a clock of its own", where=f"{file.path}, --rate", remedy="leave --rate out: nothing is resampled here")
 
 
 def column_of(file: RecordFile, channel: str) -> Column:

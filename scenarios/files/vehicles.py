@@ -16,7 +16,7 @@ from scenarios.files.sources import InputFile, Source
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
 
-MODELS = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal")
+MODELS = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal", "multirotor")
 BESIDE = "vehicle.toml"
 FLOWN = ("aircraft_class", "flight_phase")
 # Model -> keys at the top of its file that are there, or are not, in files of no other model; a file without these is a rigid aircraft's.
@@ -25,6 +25,7 @@ _TOLD_BY = {
     "lateral": (("span", True),),
     "longitudinal": (("reference_airspeed", True),),
     "loes": (("gravity", True), ("mass", False)),
+    "multirotor": (("mass", False), ("airspeed", False), ("reference_airspeed", False)),
 }
 _MODAL_START = re.compile(r"(?:C[Lm]_eta(?:dot)?(\d+)|Ceta(\d+)_\w+)")
 RELATIVE_PRIOR = 0.5

@@ -15,6 +15,7 @@ from scenarios.files.formats.cells import LARGEST
 from scenarios.files.units import to_si
 from sim.errors import DeclarationError
 from sim.vehicles.factory import ABOVE_ZERO, FAMILIES, MODE_DERIVATIVES, WHOLE_AXES, mode_parameter
+from sim.vehicles.multirotor import DELAY, LAG
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?", re.ASCII)
@@ -105,7 +106,8 @@ def _whole_axes(model: str) -> type[BaseModel]:
     """The file of equations whose constants must be given, and whose derivatives may be left out."""
     _, constants, derivatives = WHOLE_AXES[model]
     title = model.capitalize()
-    starts = _table(f"{title}Derivatives", **{name: (_number(unit) | None, None) for name, unit in derivatives.items()})
+    lowest = dict.fromkeys((LAG, DELAY), 0.0)
+    starts = _table(f"{title}Derivatives", **{name: (_number(unit, ge=lowest.get(name)) | None, None) for name, unit in derivatives.items()})
     kinds = {name: _number(unit, gt=0.0 if name in ABOVE_ZERO else None) for name, unit in constants.items()}
     return _table(f"{title}Vehicle", name=_NAME, **_required(kinds), **_FLOWN, derivatives=(starts, ...))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,21 +13,23 @@ import numpy as np
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import RecordFile, path_of, read_with_validation, refuse_twice
 from scenarios.files.own_models import channel_units
+from scenarios.files.records import has_clock
 from scenarios.files.vehicles import VehicleFile, read_beside, read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.identification.assessment.intervals import SETTLED
+from scenarios.identification.assessment.prediction import pooled_fits
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.identify import identify
 from scenarios.identification.input_reading import WORDS, OtherReading, opposite, other_reading
 from scenarios.identification.methods import FILTERS, METHODS, forced, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
-from scenarios.identification.sigma_cautions import slow_residuals
-from scenarios.identification.wild_points import wild_points, with_wild_points, without
+from scenarios.identification.sigma_cautions import disturbed_outputs
+from scenarios.identification.wild_points import left_out, same_points, wild_points, with_wild_points, without
 from scenarios.preparation.cruise import cruise_caution
 from scenarios.preparation.interpreting import BETTER, held_by_computer, likelier_by
 from scenarios.preparation.plan import BY_HAND
 from scenarios.preparation.plausibility import refuse_still, refuse_strangers, refuse_unpredictable
 from scenarios.preparation.reading import prepare
-from scenarios.preparation.request import Request, column_choices, flown_of
+from scenarios.preparation.request import Request, column_choices, flown_of, reading_options
 from scenarios.preparation.vehicle_model import model_of_file
 from sim.errors import DeclarationError
 from sim.record import Hold, Record
@@ -76,8 +79,11 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
     files, validation = read_with_validation(request.records, request.validate)
 
+    # A search for maneuvers resamples nothing: a rate is for files that have no clock of their own.
+    opening = reading_options(request, opening=True, rate=not has_clock(files[0], choices))
+
     def identified(plan: Plan, asked: Options) -> tuple[Prepared, Identification]:
-        return _identified(vehicle, method, (files, validation), choices, plan, asked)
+        return _identified(vehicle, method, (files, validation), choices, plan, asked, opening)
 
     ready, found = identified(request.plan, options)
     if method not in FILTERS and found.record.inputs and request.plan.hold is None and not any(file.sidecar.says_hold for file in files):
@@ -94,15 +100,18 @@ def _identified(
     choices: Mapping[str, ColumnChoice] | None,
     plan: Plan,
     asked: Options,
+    opening: Sequence[str] = (),
 ) -> tuple[Prepared, Identification]:
-    """Records prepared by ``plan``, and what a fit to them finds."""
+    """Records prepared by ``plan``, and what a fit to them finds; ``opening``: options of the
+    command line that open the files."""
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
     own = vehicle.model == "loes" and method == "ekf"
     flow, attitude = not own and method != FREQUENCY, uses_attitude(vehicle, method)
     ready = prepare(files[0], model_of_file(vehicle), plan, choices, files[1], flow=flow, attitude=attitude)
     refuse_strangers(ready.fitted, ready.validation)
     refuse_still(ready.fitted, ready.model)
-    refuse_unpredictable(ready.validation, ready.model)
+    refuse_unpredictable(ready.predicted, ready.model)
+    trusted = plan.trusted or method == FREQUENCY
     first, *others = ready.measured if own else ready.fitted
     notes = ready.notes
     if method in FILTERS and others and len(files[0]) * len(plan.segments) == 1:
@@ -110,21 +119,24 @@ def _identified(
         notes = (*notes, f"a filter runs along one part of a record: the longest, {first.name}, is used")
 
     def fitted(records: Sequence[Record]) -> Identification:
-        return identify(records[0], vehicle, method, records[1:], ready.model, ready.validation, asked)
+        return identify(records[0], vehicle, method, records[1:], ready.model, ready.validation, asked, trusted=trusted)
 
-    found, masks = _without_wild_points(fitted, (first, *others), trusted=plan.trusted or method == FREQUENCY)
+    found, masks = _without_wild_points(fitted, (first, *others), trusted=trusted)
     look = with_wild_points(ready.look, (first, *others), masks)
+    held = [fit.record for fit in found.fits if fit.held_out]
+    look = with_wild_points(look, ready.validation, [left_out(*pair) for pair in zip(ready.validation, held, strict=True)])
+    found = replace(found, fits=pooled_fits(found.fits, ready.parted))
     by_name = {record.name: some for record, some in zip((first, *others), masks, strict=True)}
     measured = tuple(without(record, by_name.get(record.name, {})) for record in ready.measured)
-    cruise = cruise_caution(ready.measured, files[0][0].identity.name)
+    cruise = cruise_caution(ready.measured, files[0][0].identity.name, opening)
     doubts = (*ready.doubts, *([cruise] if cruise else []))
     return replace(ready, measured=measured), replace(found, notes=(*notes, *found.notes), doubts=doubts, look=look)
 
 
 def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: Identification) -> tuple[str, ...]:
     """The command for filter error, where residuals are as process noise makes them and the model has a place for it."""
-    slow = slow_residuals([found.record, *found.others], found.estimate, found.tests)
-    if not slow:
+    moved = disturbed_outputs([found.record, *found.others], found.estimate, found.tests)
+    if not moved:
         return ()
     try:
         forced(model_of_file(vehicle), [found.record])
@@ -133,11 +145,13 @@ def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: Identi
     paths = [path_of(record) for record in request.records]
     words = [str(path) if path is not None else "RECORD" for path in paths]
     model = request.model if isinstance(request.model, str) else "MODEL"
-    given = {"--model": model, "--vehicle": request.vehicle, "--channels": request.channels}
+    given = {"--model": model, "--vehicle": request.vehicle}
     options = [word for option, value in given.items() if isinstance(value, str | Path) for word in (option, str(value))]
-    command = " ".join(["flightid identify", *words, *options, "--method filter-error"])
-    listed = f"{', '.join(slow[:-1])} and {slow[-1]}"
-    return (f"the residuals of {listed} change slowly, as turbulence makes them; {command} estimates such noise together with the parameters",)
+    validate = [str(path) for record in request.validate if (path := path_of(record)) is not None]
+    options += [*(word for path in validate for word in ("--validate", path)), *reading_options(request)]
+    command = shlex.join(["flightid", "identify", *words, *options, "--method", "filter-error"])
+    listed = f"{', '.join(moved[:-1])} and {moved[-1]}" if len(moved) > 1 else moved[0]
+    return (f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such noise together with the parameters",)
 
 
 def _without_wild_points(
@@ -147,18 +161,13 @@ def _without_wild_points(
     found = fitted(records)
     masks: list[dict[str, np.ndarray]] = [{} for _ in records]
     for _ in range(0 if trusted else 2):
-        again = wild_points(found, records)
-        if _same(again, masks):
+        fits = [fit for fit in found.fits if not fit.held_out]
+        again = wild_points(fits[0].outputs if fits else (), [fit.simulated for fit in fits], records)
+        if same_points(again, masks):
             break
         masks = again
         found = fitted([without(record, some) for record, some in zip(records, masks, strict=True)])
     return found, masks
-
-
-def _same(some: Sequence[dict[str, np.ndarray]], others: Sequence[dict[str, np.ndarray]]) -> bool:
-    """Whether two lists of masks name the same samples."""
-    pairs = zip(some, others, strict=True)
-    return all(a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a) for a, b in pairs)
 
 
 def _read_otherwise(

@@ -48,10 +48,14 @@ def identify(
     model: Model | None = None,
     held_out: Sequence[Record] = (),
     options: Options = PLAIN,
+    *,
+    trusted: bool = False,
 ) -> Identification:
     """Estimate a vehicle file's model from a record, or by a whole-record method from it and ``others`` together.
 
-    ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own. Records ``held_out`` are predicted.
+    ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own.
+    Records ``held_out`` are predicted,
+    less their wild points unless they are ``trusted``.
 
     Each output but an altitude (of an own model those that it names) gets a bias, each record its own initial state. A filter takes its measurement
     noise and its start from an output-error fit, its initial state from the first samples, and is iterated from its own result.
@@ -64,7 +68,7 @@ def identify(
     records: Sequence[Record] = [record, *others]
     refuse_method([*records, *held_out], vehicle, method, options, len(records))
     if vehicle.model == "loes" and method == "ekf":
-        return _low_order(record, vehicle, held_out, options.engine)
+        return _low_order(record, vehicle, held_out, options.engine, trusted=trusted)
     model, records, held_out, said = _declared(model or model_of_file(vehicle), records, held_out, vehicle, method)
     outputs = _measured(model, records)
     biased = model.with_biases(outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else [])
@@ -75,6 +79,7 @@ def identify(
     bounded, system, estimate, at_bounds = within_bounds(
         biased, lambda each: estimated_by(records, each, outputs, method, settings, options), kept=method not in FILTERS
     )
+    tests = _tests(records, estimate)
     rows, names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
     airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
     flown, compiled = estimate.only(system.parameters.names), compile_model(bounded, outputs)
@@ -87,17 +92,17 @@ def identify(
         tuple(row for row in rows if row.name in names),
         _derived(vehicle, system, estimate, flown if airborne else None),
         {item.name: (item.value, item.unit) for item in biased.parameters if not item.free and item.name not in {tie.name for tie in model.ties}},
-        _tests(records, estimate),
+        tests,
         tuple(others),
         notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
-        cautions=(*cautions_of(vehicle, estimate, rows), *sigma_cautions(records, estimate)),
+        cautions=(*cautions_of(vehicle, estimate, rows), *sigma_cautions(records, estimate, compiled, tests, [PATH])),
         modes=characteristics(system, flown, SLOW) if airborne else None,
         system=system,
         tied=tied_rows(bounded, estimate),
         at_bounds=at_bounds,
         intervals=_intervals(records, bounded, outputs, estimate, settings, options),
         band=options.band,
-        fits=_fits(records, held_out, compiled, estimate, settings),
+        fits=_fits(records, held_out, compiled, estimate, settings, trusted=trusted),
         trained=trained_by(compiled, estimate.as_dict(), settings),
         engine=engine_of(method, options),
     )
@@ -129,7 +134,7 @@ def _derived(vehicle: VehicleFile, system: System, estimate: Estimate, flown: Es
     return derived
 
 
-def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record], engine: str | None) -> Identification:
+def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record], engine: str | None, *, trusted: bool) -> Identification:
     """The low-order system by its own filter, and what it predicts."""
     from scenarios.identification.low_order import identify_loes
 
@@ -138,16 +143,18 @@ def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record],
     outputs = [signal.name for signal in model.equations.outputs if signal.name in record.output_names]
     system = compile_model(model.with_biases(outputs), outputs)
     values = {**found.estimate.as_dict(), **{name: value for name, (value, _) in found.fixed.items()}}
-    fits = record_fits([record], held_out, system, values, settings)
+    fits = record_fits([record], held_out, system, values, settings, trusted=trusted)
     modes = characteristics(compile_model(model), found.estimate)
     cautions, trained = cautions_of(vehicle, found.estimate, found.rows), trained_by(system, values, settings)
     return replace(found, cautions=cautions, fits=fits, modes=modes, system=compile_model(model), trained=trained)
 
 
-def _fits(records: Sequence[Record], held_out: Sequence[Record], system: System, estimate: Estimate, settings: FitSettings) -> tuple[RecordFit, ...]:
+def _fits(
+    records: Sequence[Record], held_out: Sequence[Record], system: System, estimate: Estimate, settings: FitSettings, *, trusted: bool
+) -> tuple[RecordFit, ...]:
     """Free simulations of all records; those that the estimate carries already are not made again."""
     simulated = estimate.fitted if estimate.method in SIMULATED and estimate.output_names == system.output_names else ()
-    return record_fits(records, held_out, system, estimate.as_dict(), settings, [PATH], simulated)
+    return record_fits(records, held_out, system, estimate.as_dict(), settings, [PATH], simulated, trusted=trusted)
 
 
 def _laid_down(vehicle: VehicleFile, model: Model) -> tuple[str, ...]:

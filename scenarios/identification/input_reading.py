@@ -45,7 +45,8 @@ class OtherReading:
     def sentence(self) -> str:
         """That derivatives hang on the reading, and how the choice is made."""
         names = ", ".join(row.name for row, _ in self.moved)
-        fits = f"fits {'better' if self.gain > 0.0 else 'worse'} (twice the log likelihood {self.gain:+.1f})"
+        how = "as well" if abs(self.gain) < 0.05 else "better" if self.gain > 0.0 else "worse"
+        fits = f"fits {how} (twice the log likelihood {self.gain:+.1f})"
         return (
             f"{names}: by more than a sigma another value with inputs {WORDS[self.other]} between samples, which {fits}; "
             f"inputs were read as {WORDS[self.used]}; --hold {self.other.value} reads them the other way"

@@ -25,10 +25,12 @@ from scenarios.preparation.trim import of_totals
 from scenarios.studies.engines import UNSCENTED
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import ParameterSet
+from sim.declaration.parameters import Parameter, ParameterSet
 from sim.declaration.system import System
+from sim.effects.input_path.actuator_lag import ActuatorLag
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Record
+from sim.vehicles.multirotor import Multirotor
 
 FILTERS = ("ekf", "ukf")
 METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error", FREQUENCY)
@@ -134,7 +136,35 @@ def _estimated_by(
     if method == "filter-error":
         return _by_filter_error(records, model, outputs, settings, options)
     fit = fit_output_error(records, system, settings, local=[PATH])
-    return (system, fit) if method not in FILTERS else _filtered(records[0], model, outputs, method, settings, options, fit)
+    if method not in FILTERS:
+        return system, fit
+    delay = next((name for name in set(delays_of(model).values()) if model.parameters[name].free), None)
+    if delay is None:
+        return _filtered(records[0], model, outputs, method, settings, options, fit)
+    value = _values_of(fit).get(delay, model.parameters[delay].value)
+    held = model.with_parameters(model.parameters.with_values({delay: value}).hold([delay]))
+    filtered, found = _filtered(records[0], held, outputs, method, settings, options, fit.only([name for name in fit.names if name != delay]))
+    return filtered, _with_delay(found, fit, delay) if _values_of(fit) else found
+
+
+def _with_delay(found: Estimate, fit: Estimate, delay: str) -> Estimate:
+    """A filter's estimate with the delay that was held in it, of an output-error ``fit``, whose uncertainty moves the others as it does there."""
+    at = fit.names.index(delay)
+    variance = float(fit.covariance[at, at])
+    if not variance > 0.0:
+        return found
+    slopes = {name: float(fit.covariance[fit.names.index(name), at]) / variance for name in fit.names}
+    moves = np.array([*(slopes.get(name, 0.0) for name in found.names), 1.0])
+    covariance = np.pad(found.covariance, (0, 1)) + variance * np.outer(moves, moves)
+    said = f"{delay} is that of the output-error fit: a pure delay has no state that a filter could estimate"
+    return replace(
+        found,
+        names=(*found.names, delay),
+        units=(*found.units, fit.units[at]),
+        values=np.append(found.values, fit.values[at]),
+        covariance=covariance,
+        message="; ".join(text for text in (found.message, said) if text),
+    )
 
 
 def _by_filter_error(records: Sequence[Record], model: Model, outputs: list[str], settings: FitSettings, options: Options) -> tuple[System, Estimate]:
@@ -214,8 +244,9 @@ def _run_filter(record: Record, system: System, first: System, method: str, opti
 def forced(model: Model, records: Sequence[Record] = ()) -> Model:
     """The model with what filter error estimates besides the derivatives.
 
-    Turbulence where gusts act, white noise on the acceleration of a falling body. Of a user's own model white noise on each state whose rate
-    has a free parameter, in proportion to what that state changes in a second in ``records``; a common factor on its standard deviation is estimated.
+    Turbulence where gusts act, white noise on the acceleration of a falling body. Of a user's own model and of a multirotor, which feels gusts
+    as moments without a model of them, white noise on each state whose rate has a free parameter,
+    in proportion to what that state changes in a second in ``records``; a common factor on its standard deviation is estimated.
 
     Raises
     ------
@@ -224,14 +255,21 @@ def forced(model: Model, records: Sequence[Record] = ()) -> Model:
     from sim.effects.library import effects_for
 
     if is_own(model):
-        return model.with_noise(replace(model.noise, process_density={name: _density(name, records) for name in _driven_states(model, records)}))
+        return _with_white_noise(model, records)
     rough = next((effect for effect in effects_for(model.equations) if effect.name == TURBULENCE), None)
     if rough is not None:
         return model.with_effects(rough)
+    if model.equations.name == Multirotor().name:
+        return _with_white_noise(model, records)
     if not any(state.name == "velocity" for state in model.equations.states):
         what = f"the {model.equations.name} model has no turbulence that filter-error could estimate"
         raise DeclarationError(what, where="--method", remedy="use output-error, ekf, ukf or equation-error")
     return model.with_noise(replace(model.noise, process_density={"velocity": ACCELERATION_DENSITY}))
+
+
+def _with_white_noise(model: Model, records: Sequence[Record]) -> Model:
+    """The model with white noise on each state whose rate has a free parameter."""
+    return model.with_noise(replace(model.noise, process_density={name: _density(name, records) for name in _driven_states(model, records)}))
 
 
 def _driven_states(model: Model, records: Sequence[Record]) -> list[str]:
@@ -293,10 +331,20 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
         else:
             value, prior = _first_state(item.name, record, outputs, std, spread)
         states.append(replace(item, value=value, prior_std=prior))
+    states += _settled_actuators(model, record)
     zeros = {f"bias_{name}": 0.0 if totals else begins[name] for name in model.biases}
     parameters = model.parameters.with_values(zeros)
     parameters = parameters.with_prior({f"bias_{name}": (BIASED if totals else 3.0) * spread[name] for name in model.biases})
     return replace(model, initial=ParameterSet(tuple(states)), parameters=parameters, noise=Noise(std))
+
+
+def _settled_actuators(model: Model, record: Record) -> list[Parameter]:
+    """Where the states of the model's own lags begin in a filter: settled at the first input, as a whole-record simulation has them."""
+    lags = [effect for effect in model.effects if isinstance(effect, ActuatorLag)]
+    first = {effect.signal: float(record[effect.signal].values[0]) for effect in lags}
+    return [
+        Parameter(state.name, first[effect.signal], state.unit, free=False, source="settled") for effect in lags for state in effect.online_states
+    ]
 
 
 def _near_fit(model: Model, fit: Estimate) -> Model:

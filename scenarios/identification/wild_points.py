@@ -9,31 +9,44 @@ import numpy as np
 
 from ident.recording.finding import Certainty, Finding, Kind, Number, shown
 from ident.tracing.spikes.detection import input_edges, isolated_wrong
-from scenarios.identification.result import Identification
 from scenarios.preparation.recording import RawLook, Seen
 from sim.record import Channel, Record
 
 PLACES = 3  # times that a sentence names
 
 
-def wild_points(found: Identification, records: Sequence[Record]) -> list[dict[str, np.ndarray]]:
-    """Of each fitted record ``(N,)`` by channel: True at its wild points, from what the simulations miss; channels without any are left out.
+def wild_points(outputs: Sequence[str], simulated: Sequence[np.ndarray], records: Sequence[Record]) -> list[dict[str, np.ndarray]]:
+    """Of each record ``(N,)`` by channel: True at its wild points, from what the simulations miss;
+    channels without any are left out.
 
-    ``records``: the fitted ones with all their samples.
+    ``simulated``: ``(m, N)`` of the ``outputs`` of each record. ``records``: with all their
+    samples.
     """
-    fits = [fit for fit in found.fits if not fit.held_out]
     out: list[dict[str, np.ndarray]] = [{} for _ in records]
-    if len(fits) != len(records):
+    if len(simulated) != len(records):
         return out
-    for row, name in enumerate(fits[0].outputs if fits else ()):
+    for row, name in enumerate(outputs if simulated else ()):
         which = [k for k, record in enumerate(records) if name in record.output_names]
-        valid = [records[k][name].valid & np.isfinite(fits[k].simulated[row]) for k in which]
-        residuals = [np.where(known, records[k][name].values - fits[k].simulated[row], 0.0) for k, known in zip(which, valid, strict=True)]
+        valid = [records[k][name].valid & np.isfinite(simulated[k][row]) for k in which]
+        residuals = [np.where(known, records[k][name].values - simulated[k][row], 0.0) for k, known in zip(which, valid, strict=True)]
         wrong = isolated_wrong(residuals, valid, [input_edges(records[k]) for k in which])
         for k, mask in zip(which, wrong, strict=True):
             if np.any(mask):
                 out[k][name] = mask
     return out
+
+
+def same_points(some: Sequence[dict[str, np.ndarray]], others: Sequence[dict[str, np.ndarray]]) -> bool:
+    """Whether two lists of masks name the same samples."""
+    pairs = zip(some, others, strict=True)
+    return all(a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a) for a, b in pairs)
+
+
+def left_out(before: Record, after: Record) -> dict[str, np.ndarray]:
+    """The samples by channel, ``(N,)``, that one record has and the same record after it does not;
+    channels without any are left out."""
+    masks = {channel.name: before[channel.name].valid & ~channel.valid for channel in after.outputs}
+    return {name: mask for name, mask in masks.items() if np.any(mask)}
 
 
 def without(record: Record, masks: dict[str, np.ndarray]) -> Record:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from ident.maneuver_detection import AXES, PAUSE, Maneuver, Signals, active_share, find_maneuvers
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.record_file import RecordFile, opened
-from scenarios.files.records import read_record
+from scenarios.files.measured.record_file import RecordFile, opened, with_names
+from scenarios.files.records import read_record, refuse_rate
 from scenarios.files.sources import InputFile
 from scenarios.preparation.load_factor import with_load_factors
 from scenarios.preparation.maneuver_file import Part, Parts
+from scenarios.preparation.plan import Plan
 from sim.record import Record
 
 CONTROLS = tuple(AXES)
@@ -68,6 +69,7 @@ class Maneuvers:
     identity : the file. record : its channels that were searched, SI; controls stand among the outputs, where samples may be missing.
     maneuvers : in the order of their times. active : share of the time in which an input moves beyond its rest level.
     path : of the file, None where the record is in memory. simulated : a program made it.
+    unread : columns that look like channels and were not read, by channel: a channel map names them.
     """
 
     identity: InputFile
@@ -76,6 +78,7 @@ class Maneuvers:
     active: float
     path: Path | None = None
     simulated: bool = False
+    unread: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def parts(self) -> Parts:
@@ -91,21 +94,33 @@ class Maneuvers:
         moves = [each for each in self.maneuvers if each.found.kind != "trim"]
         if inputs and not moves:
             cautions.append("no maneuver found: no input has the form of one, and none rises above what it does at rest")
+        if self.unread:
+            alike = [f"{column} looks like {channel}" for channel, column in self.unread.items()]
+            name = self.identity.name if self.path is None else self.path
+            cautions.append(
+                f"{', '.join(alike)}: not read, since only a channel map says so; "
+                f"flightid map {name} --out DRAFT drafts one for --channels DRAFT/channels.toml"
+            )
         return tuple(cautions)
 
     def __repr__(self) -> str:
         return f"<Maneuvers of {self.identity.name}: {len(self.maneuvers)}>"
 
 
-def maneuvers_of(source: Path | RecordFile, channels: Mapping[str, ColumnChoice] | None = None) -> Maneuvers:
+def maneuvers_of(source: Path | RecordFile, channels: Mapping[str, ColumnChoice] | None = None, plan: Plan | None = None) -> Maneuvers:
     """Search a record file of any length.
+
+    ``plan`` : names of its columns, and its rate where it has no clock or several; None: its own.
 
     Raises
     ------
     RecordError : anything in the file that keeps it from being used; none of the channels that are searched.
     """
-    file = opened(source)
-    record, _ = with_load_factors(read_record(file, (), (*CONTROLS, *MOTION), channels))
+    plan = plan or Plan()
+    file = with_names(opened(source), plan.columns)
+    if plan.rate is not None:
+        refuse_rate(file, channels)
+    record, _ = with_load_factors(read_record(file, (), (*CONTROLS, *MOTION), channels, rate=plan.rate))
     signals = signals_of(record)
     found = find_maneuvers(signals)
     path = None if file.in_memory else file.path
@@ -116,7 +131,16 @@ def maneuvers_of(source: Path | RecordFile, channels: Mapping[str, ColumnChoice]
         active_share(signals),
         path,
         file.sidecar.simulated,
+        _unread(file, record) if channels is None else {},
     )
+
+
+def _unread(file: RecordFile, record: Record) -> Mapping[str, str]:
+    """Columns that look like a control or a rate that the record lacks, by channel."""
+    from scenarios.preparation.drafting import recognised
+
+    missing = [name for name in (*CONTROLS, "p", "q", "r") if name not in record.output_names]
+    return recognised(file, missing) if missing else {}
 
 
 def signals_of(record: Record) -> Signals:

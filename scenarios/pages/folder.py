@@ -27,6 +27,7 @@ _DOCUMENTS = (
     "design.json",
     "survey.json",
     "maneuvers.json",
+    "responses.json",
 )
 
 

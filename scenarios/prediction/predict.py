@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,11 @@ from scenarios.files.measured.record_file import RecordFile, all_simulated, open
 from scenarios.files.own_models import OwnModel, channel_units
 from scenarios.files.sources import InputFile, read_source
 from scenarios.files.vehicles import VehicleFile, read_beside, read_vehicle
-from scenarios.identification.assessment.prediction import record_fits
+from scenarios.identification.assessment.prediction import pooled_fits, record_fits
 from scenarios.identification.gravity import PATH, with_weight
+from scenarios.identification.wild_points import left_out, with_wild_points, without
 from scenarios.kept.kept_model import DIAGNOSE, KeptFile, KeptModel, read_kept
+from scenarios.preparation.gaps import put_together
 from scenarios.preparation.plan import ATTITUDE, Plan
 from scenarios.preparation.plausibility import refuse_unpredictable
 from scenarios.preparation.reading import Decided, Prepared, prepare
@@ -98,15 +100,18 @@ def predict_record(asked: Asked) -> Prediction:
     reading, plan = kept.reading, _plan(kept, asked.plan)
     model = model.with_noise(Noise()) if kept.made_by == DIAGNOSE else model
     decided = Decided(Hold(reading.hold), reading.weight)
-    ready = prepare([source], model, plan, choices, flow=reading.flow, attitude=reading.attitude, decided=decided)
-    record, declared = ready.fitted[0], ready.model
+    ready = prepare((), model, plan, choices, [source], flow=reading.flow, attitude=reading.attitude, decided=decided, part=plan.segments[0])
+    (record,), declared = ready.predicted, ready.model
     _refuse_without_attitude(kept, declared, record)
     refuse_unpredictable([record], declared, "")
     channels = tuple(name for name in kept.after.outputs if name in record.output_names)
     if not channels:
         remedy = f"the study's outputs are {', '.join(kept.after.outputs)}; map the columns with --channels"
         raise RecordError("it has none of the study's outputs", where=str(source.path), remedy=remedy)
-    before, after = (_by_diagnosis if kept.made_by == DIAGNOSE else _by_identification)(kept, declared, record)
+    by = _by_diagnosis if kept.made_by == DIAGNOSE else _by_identification
+    record, before, after, counted = by(kept, declared, ready, trusted=plan.trusted)
+    masks = [left_out(*pair) for pair in zip(ready.validation, counted, strict=True)]
+    ready = replace(ready, look=with_wild_points(ready.look, ready.validation, masks))
     return Prediction(
         asked.study,
         kept,
@@ -122,21 +127,32 @@ def predict_record(asked: Asked) -> Prediction:
     )
 
 
-def _by_identification(kept: KeptModel, declared: Model, record: Record) -> tuple[None, Simulation]:
-    """As ``identify --validate`` predicts."""
+def _by_identification(
+    kept: KeptModel, declared: Model, ready: Prepared, *, trusted: bool
+) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
+    """As ``identify --validate`` predicts: the record, the simulations before and after, and its
+    parts less their wild points."""
     model = with_weight(declared) if kept.weighed else declared
     system = compile_model(model.with_biases(kept.biases), kept.after.outputs)
-    (fit,) = record_fits([], [record], system, kept.after.shared, kept.after.settings, [PATH])
-    at = [fit.outputs.index(name) for name in fit.outputs if name in record.output_names]
-    return None, Simulation(fit.simulated[at], fit.figures)
+    fits = record_fits([], ready.validation, system, kept.after.shared, kept.after.settings, [PATH], trusted=trusted)
+    (fit,) = pooled_fits(fits, ready.parted)
+    at = [fit.outputs.index(name) for name in fit.outputs if name in fit.record.output_names]
+    return fit.record, None, Simulation(fit.simulated[at], fit.figures), [each.record for each in fits]
 
 
-def _by_diagnosis(kept: KeptModel, declared: Model, record: Record) -> tuple[Simulation, Simulation]:
-    """As ``diagnose --validate`` predicts."""
+def _by_diagnosis(kept: KeptModel, declared: Model, ready: Prepared, *, trusted: bool) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
+    """As ``diagnose --validate`` predicts, which looks for wild points in any record."""
     assert kept.before is not None
-    found = predict(kept.before, kept.after, declared.with_biases(kept.biases), record, kept.spiked)
-    rows = found.prediction
-    return Simulation(rows.before, found.before), Simulation(rows.after, found.after if found.finite else None)
+    found = predict(kept.before, kept.after, declared.with_biases(kept.biases), ready.validation, kept.spiked)
+    (whole,) = ready.parted
+    rows = [[each.before for each in found.predictions], [each.after for each in found.predictions]]
+    record, (before, after) = put_together(whole, ready.validation, rows)
+    channels = found.predictions[0].channels
+    wild = [
+        {name: ~mask[row] & part[name].valid for row, name in enumerate(channels)} for part, mask in zip(ready.validation, found.counted, strict=True)
+    ]
+    parts = [without(part, masks) for part, masks in zip(ready.validation, wild, strict=True)]
+    return record, Simulation(before, found.before), Simulation(after, found.after if found.finite else None), parts
 
 
 def _vehicle(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
@@ -187,7 +203,8 @@ def _plan(kept: KeptModel, asked: Plan) -> Plan:
     """The study's preparation, and of the record the part that is asked."""
     reading = kept.reading
     hold = Hold(reading.hold) if reading.by_hand else None
-    return Plan(asked.segments, hold, reading.rate or None, reading.lowpass or None, reading.trusted or asked.trusted)
+    trusted = reading.trusted or asked.trusted
+    return Plan(asked.segments, hold, asked.rate or reading.rate or None, reading.lowpass or None, trusted, asked.columns, asked.chosen)
 
 
 def _refuse_without_attitude(kept: KeptModel, declared: Model, record: Record) -> None:

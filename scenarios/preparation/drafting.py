@@ -4,29 +4,61 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from ident.recording.dropouts import fill_value
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME, split_header
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.formats.topic import Topic
-from scenarios.files.measured.clock import grid_of_coarse_stamps
-from scenarios.files.measured.columns import split_header
-from scenarios.files.measured.derived import clock_of, clock_place, stated_unit
+from scenarios.files.measured.clock import SECONDS, grid_of_coarse_stamps
+from scenarios.files.measured.columns import split_at
+from scenarios.files.measured.derived import clock_of, clock_place, holds_dates, stated_unit
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.records import read_record
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 
-INPUTS = ("elevator", "stick", "aileron", "rudder", "thrust")
-UNIT_WORDS = ("deg", "rad", "degs", "rads", "ms", "ms2", "kt", "kts", "ktas", "kias", "ft", "m", "g")
+SURFACES = ("elevator", "stick", "aileron", "rudder", "thrust")
+COMMANDS = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
+INPUTS = (*SURFACES, *COMMANDS)
+# Columns in which PX4 says what flies, and the number that means a multirotor.
+ROTARY_WING = {"vehicle_status.vehicle_type": 1.0, "vehicle_status.is_rotary_wing": 1.0}
+# Units as they stand behind a name without brackets.
+SPELT = {
+    "deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g",
+    "dps": "deg/s", "rps": "rad/s", "fps": "ft/s", "fps2": "ft/s2", "mps": "m/s", "mps2": "m/s2", "psf": "lbf/ft2",
+}  # fmt: skip
+UNIT_WORDS = (
+    "deg",
+    "rad",
+    "degs",
+    "rads",
+    "ms",
+    "ms2",
+    "kt",
+    "kts",
+    "ktas",
+    "kias",
+    "ft",
+    "m",
+    "g",
+    "dps",
+    "rps",
+    "fps",
+    "fps2",
+    "mps",
+    "mps2",
+    "psf",
+)
 BEYOND = {"rad": 1.6, "rad/s": 8.0}  # an unlabelled angle or rate that moves further is more likely to be in degrees
 EVEN = 1e-3  # of the step, by which the steps of a clock may differ
+GAPS = 0.02  # share of the steps of a clock that may be gaps
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")  # topics that hold no measured motion
 
 
@@ -67,7 +99,8 @@ class Draft:
     ----------
     file : the record file. topics : its topics. guesses : channels found, in the order of our channels.
     faults : everything that is wrong with the file, one line each. unused : columns that no channel takes.
-    model : the model that the channels fit, empty where none does.
+    model : the model that the channels fit, empty where none does. clockless : the file has no
+        clock, and no rate was given.
     """
 
     file: RecordFile
@@ -76,6 +109,7 @@ class Draft:
     faults: tuple[str, ...]
     unused: tuple[str, ...]
     model: str
+    clockless: bool = False
 
 
 def drafted(file: RecordFile, rate: float | None = None) -> Draft:
@@ -85,16 +119,14 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
     ----------
     file : the file as it was read. rate : Hz, of a file without a clock.
     """
-    topics = file.topics or (Topic("", file.table),)
-    degrees = _in_degrees(topics)
-    found = [guess for channel in CHANNEL_UNITS if (guess := _guess(channel, topics, degrees)) is not None]
+    topics = _topics_of(file)
+    found = _guesses(CHANNEL_UNITS, topics, _in_degrees(topics))
     clockless: tuple[str, ...] = ()
     if not any(guess.channel == TIME for guess in found) and len(topics) == 1 and rate is None:
         clockless = ("the file has no clock; give its rate with --rate HZ, or name the column of time",)
     if len(topics) > 1:
         found = [guess for guess in found if guess.channel != TIME]
-    choices = {guess.channel: guess.choice for guess in found}
-    tried = [_tried(file, guess, choices, 1.0 if clockless else rate) for guess in found]
+    tried = _tried(file, found, 1.0 if clockless else rate)
     faults = list(dict.fromkeys([*clockless, *(guess.fault for guess in tried if guess.fault)]))
     taken = {column for guess in tried for column in _columns_in(guess.choice, topics)}
     names = [f"{topic.name}.{cell}" if topic.name else cell for topic in topics for cell in topic.table.header]
@@ -105,7 +137,22 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
         tuple(faults),
         tuple(name for name in names if name not in taken),
         _model_for({guess.channel for guess in tried if not guess.fault}),
+        bool(clockless),
     )
+
+
+def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
+    """The columns of a file that a draft of a channel map would take for channels.
+
+    Parameters
+    ----------
+    file : the file as it was read. channels : our names of the channels that are looked for.
+
+    Returns
+    -------
+    The column or expression of each channel for which one is found.
+    """
+    return {guess.channel: str(guess.choice.column) for guess in _guesses(channels, _topics_of(file), ())}
 
 
 def map_text(draft: Draft) -> str:
@@ -116,10 +163,13 @@ def map_text(draft: Draft) -> str:
         column = choice.column if isinstance(choice.column, int) else _quoted(choice.column)
         entry = str(column) if choice.unit is None else f"{{column = {column}, unit = {_quoted(choice.unit)}}}"
         lines.append(f"{'# ' if guess.fault else ''}{guess.channel} = {entry}  # {guess.reason}{doubt}")
-    missing = [name for name in ("elevator", "aileron", "rudder", "alpha", "beta", "q") if name not in {guess.channel for guess in draft.guesses}]
+    wanted = (*COMMANDS, "p", "q", "r", "az") if draft.model == "multirotor" else ("elevator", "aileron", "rudder", "alpha", "beta", "q")
+    missing = [name for name in wanted if name not in {guess.channel for guess in draft.guesses}]
     if missing:
         lines.append(f"# Not found: {', '.join(missing)}. A line is such as")
-        lines.append('# elevator = {column = "0.5*(elevon_left + elevon_right)", unit = "deg"}')
+        example = "(RCOU.C1 - 1500) / 500" if draft.model == "multirotor" else "0.5*(elevon_left + elevon_right)"
+        unit = "" if draft.model == "multirotor" else ', unit = "deg"'
+        lines.append(f'# {missing[0] if unit == "" else "elevator"} = {{column = "{example}"{unit}}}')
     if draft.unused:
         shown = ", ".join(draft.unused[:60]) + (", ..." if len(draft.unused) > 60 else "")
         lines.append(f"# Columns left: {shown}")
@@ -131,6 +181,8 @@ def vehicle_text(draft: Draft) -> str:
     model = draft.model or "rigid"
     if model == "ballistic":
         return _BALLISTIC.format(name=_quoted(draft.file.path.stem))
+    if model == "multirotor":
+        return _MULTIROTOR.format(name=_quoted(draft.file.path.stem))
     speed = next((0.5 * (guess.least + guess.most) for guess in draft.guesses if guess.channel == "airspeed" and not guess.fault), None)
     key = "reference_airspeed" if model == "longitudinal" else "airspeed"
     known = f"{key} = {speed:.4g}  # m/s, the middle of the recorded range" if speed else f"# {key} = ...  # m/s"
@@ -160,6 +212,23 @@ gravity = 9.80665  # m/s2
 [derivatives]  # where the search starts
 # beta = ...  # kg/m2: mass / (drag coefficient * area)
 """
+_MULTIROTOR = """# Draft of a vehicle file for --model multirotor: usual sizes for commands from -1 to 1.
+name = {name}
+[derivatives]  # where the search starts; what is left out is held at zero
+L_p = -1.0  # 1/s, roll damping
+L_lat = 60.0  # rad/s2, roll acceleration at full command
+L_0 = 0.0  # rad/s2, that a steady command balances
+M_q = -1.0
+M_lon = 60.0
+M_0 = 0.0
+N_r = -0.5
+N_ped = 10.0
+N_0 = 0.0
+Z_col = -20.0  # m/s2, specific force (down) at full thrust
+Z_0 = 0.0
+motor_time_constant = 0.04  # s
+delay = 0.01  # s, from command to motor
+"""
 _DERIVATIVES = {
     "rigid": ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"),
     "longitudinal": (
@@ -174,6 +243,31 @@ _DERIVATIVES = {
 @lru_cache(maxsize=1)
 def _recorder_names() -> Mapping[str, Any]:
     return tomllib.loads(files("scenarios.preparation").joinpath("recorder_names.toml").read_text(encoding="utf-8"))
+
+
+def _is_multirotor(topics: Sequence[Topic]) -> bool:
+    """Whether a log says that a multirotor made it, or has the outputs of its rate controller alone; of a table, whether a column is a command."""
+    for path, number in ROTARY_WING.items():
+        name, _, field = path.rpartition(".")
+        for topic in topics:
+            if topic.name == name and field in topic.table.header:
+                return bool(np.any(_numbers(topic, topic.table.header.index(field)) == number))
+    if len(topics) == 1:
+        return any(_plain(split_header(cell)[0]) in map(_plain, COMMANDS) for cell in topics[0].table.header)
+    airspeed = any(topic.name.split("[")[0] in ("ARSP", "AOA", "airspeed_validated") for topic in topics)
+    return _has("RATE.ROut", topics) and not airspeed
+
+
+def _topics_of(file: RecordFile) -> Sequence[Topic]:
+    """The topics of a log; a table is one without a name."""
+    return file.topics or (Topic("", file.table),)
+
+
+def _guesses(channels: Iterable[str], topics: Sequence[Topic], degrees: Collection[str]) -> list[Guess]:
+    """The best columns of channels, those left out that what flies has not."""
+    absent = (*SURFACES, "airspeed") if _is_multirotor(topics) else COMMANDS
+    found = (_guess(channel, topics, degrees) for channel in channels if channel not in absent)
+    return [guess for guess in found if guess is not None]
 
 
 def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> Guess | None:
@@ -191,26 +285,53 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
         for topic in topics:
             if len(topics) > 1 and NO_MEASUREMENT.search(topic.name.lower()):
                 continue
-            for index, cell in enumerate(topic.table.header):
-                if _plain(split_header(cell)[0]) not in (rank, *(f"{rank}{word}" for word in UNIT_WORDS)):
-                    continue
+            cells, spelt = topic.table.header, (rank, *(f"{rank}{word}" for word in UNIT_WORDS))
+            named = [n for n in range(len(cells)) if _plain(split_at(cells, n)[0]) in spelt]
+            # Of two columns of one name the one whose unit is known: the other may be in any unit.
+            for index in sorted(named, key=lambda n: not _says_unit(topic, n, channel)):
                 if channel == TIME or (clock_place(topic.table) != index and _moves(topic, index)):
                     return _of_column(channel, topic, index, degrees)
     for each in words.get("expression", ()):
         if all(_has(name, topics) for name in each["needs"]):
             return Guess(channel, ColumnChoice(each["text"]), each["reason"])
-    return _even_column(topics[0]) if channel == TIME and len(topics) == 1 else None
+    return _clock(topics[0]) if channel == TIME and len(topics) == 1 else None
+
+
+def _says_unit(topic: Topic, index: int, channel: str) -> bool:
+    """Whether the file states a unit of a column that can be the channel's; any will do for a
+    clock, whose rate tells."""
+    said = stated_unit(topic.table, index)
+    return channel == TIME or (said is not None and _converts(said, CHANNEL_UNITS[channel]))
+
+
+def _clock(topic: Topic) -> Guess | None:
+    """The column that every command takes for the clock; else one of dates; else one of even steps."""
+    table = topic.table
+    place = clock_place(table)
+    if place is not None:
+        unnamed = Guess(TIME, ColumnChoice(place + 1), "the dates of the rows")
+        return _of_column(TIME, topic, place, ()) if table.header[place] else unnamed
+    for index in range(min(len(table.header), 3)):
+        if holds_dates(table.columns[index]):
+            return Guess(TIME, ColumnChoice(index + 1), "holds dates or times of day")
+    return _even_column(topic)
 
 
 def _even_column(topic: Topic) -> Guess | None:
-    """The first column that increases in even steps, as a clock does."""
+    """The first column that increases in even steps, as a clock does; a clock may have gaps.
+
+    A column that counts 0, 1, 2 ... numbers the rows and says nothing of time.
+    """
     for index in range(min(len(topic.table.header), 3)):
         values = _numbers(topic, index)
         if values.size != topic.table.rows.size or values.size < 10 or not np.all(np.diff(values) >= 0.0):
             continue
         steps = np.diff(values)
-        even = np.all(np.abs(steps - np.median(steps)) < EVEN * np.median(steps))
-        if even or grid_of_coarse_stamps(values) is not None:
+        usual = float(np.median(steps))
+        if values[0] in (0.0, 1.0) and np.all(steps == 1.0):
+            continue
+        odd = np.abs(steps - usual) >= EVEN * usual
+        if (np.all(steps[odd] > usual) and np.mean(odd) < GAPS) or grid_of_coarse_stamps(values) is not None:
             return Guess(TIME, ColumnChoice(index + 1), "increases in even steps, as a clock does")
     return None
 
@@ -239,12 +360,19 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
     reason = f"named {split_header(cell)[0]}"
     said = stated_unit(topic.table, index)
     if channel == TIME:
+        if said is not None and not _converts(said, inside):
+            # The brackets hold the name of a message or a sensor.
+            said = next((unit for unit in SECONDS if split_header(cell)[0].lower().endswith(f"_{unit}")), None)
         return Guess(channel, ColumnChoice(path, said), f"{reason}; its unit: {said or 'by the rate of the rows'}")
     if said is None:
         said = _suffix(cell)
     if said is not None and _converts(said, inside):
         return Guess(channel, ColumnChoice(path, said), f"{reason}, in {said}")
     values = _numbers(topic, index)
+    fill = fill_value(values)
+    if fill is not None:
+        reason += f"; {fill:g} is taken as a fill value, for no measurement"
+        values = values[values != fill]
     moves = float(np.max(np.abs(values - np.median(values)))) if values.size else 0.0
     degree = {"rad": "deg", "rad/s": "deg/s"}.get(inside)
     if moves > BEYOND.get(inside, np.inf):
@@ -254,17 +382,43 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
     return Guess(channel, ColumnChoice(path, None), f"{reason}; no unit is stated: taken as {inside}")
 
 
-def _tried(file: RecordFile, guess: Guess, choices: Mapping[str, ColumnChoice], rate: float | None) -> Guess:
-    """The guess with the range of its values, or with the fault that keeps it from being read."""
-    if guess.channel == TIME:
-        return guess
-    kept = {name: choice for name, choice in choices.items() if name in (TIME, guess.channel)}
+def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> list[Guess]:
+    """The guesses with the ranges of their values, or with the faults that keep them from being
+    read.
+
+    Channels of one clock are read together, so that it is read once; each by itself only where one
+    of them has a fault.
+    """
+    topics = _topics_of(file)
+    clock = {guess.channel: guess.choice for guess in guesses if guess.channel == TIME}
+    topic_of = {_path(topic, cell): topic.name for topic in file.topics for cell in topic.table.header}
+    groups: dict[frozenset[str], list[Guess]] = {}
+    for guess in guesses:
+        used = {topic_of[name] for name in _columns_in(guess.choice, topics)} if file.topics else set()
+        groups.setdefault(frozenset(used), []).append(guess)
+    found: dict[str, Guess] = {channel: guess for guess in guesses if (channel := guess.channel) == TIME}
+    for some in groups.values():
+        found |= _read(file, [guess for guess in some if guess.channel != TIME], clock, rate)
+    return [found[guess.channel] for guess in guesses]
+
+
+def _read(file: RecordFile, some: Sequence[Guess], clock: Mapping[str, ColumnChoice], rate: float | None) -> dict[str, Guess]:
+    """Channel -> guess with the range of its values, or with its fault."""
+    if not some:
+        return {}
     try:
-        record = read_record(file, (), [guess.channel], kept, rate=rate)
+        chosen = {**clock, **{guess.channel: guess.choice for guess in some}}
+        record = read_record(file, (), [guess.channel for guess in some], chosen, rate=rate)
     except RecordError as error:
-        return Guess(guess.channel, guess.choice, guess.reason, fault=str(error))
-    values = record[guess.channel].values[record[guess.channel].valid]
-    return Guess(guess.channel, guess.choice, guess.reason, int(values.size), float(values.min()), float(values.max()))
+        if len(some) == 1:
+            (guess,) = some
+            return {guess.channel: replace(guess, fault=str(error))}
+        return {channel: each for guess in some for channel, each in _read(file, [guess], clock, rate).items()}
+    out = {}
+    for guess in some:
+        values = record[guess.channel].values[record[guess.channel].valid]
+        out[guess.channel] = replace(guess, samples=int(values.size), least=float(values.min()), most=float(values.max()))
+    return out
 
 
 def _summary(topic: Topic) -> TopicSummary:
@@ -281,6 +435,8 @@ def _summary(topic: Topic) -> TopicSummary:
 
 
 def _model_for(channels: set[str]) -> str:
+    if {"roll_command", "pitch_command", "yaw_command"} & channels and {"p", "q", "r"} & channels:
+        return "multirotor"
     if "elevator" in channels and {"q", "alpha", "nz", "az"} & channels:
         return "longitudinal" if {"airspeed", "theta", "thrust"} <= channels else "rigid"
     if {"aileron", "rudder"} & channels and {"p", "r", "beta"} & channels:
@@ -288,9 +444,14 @@ def _model_for(channels: set[str]) -> str:
     return "ballistic" if channels - {TIME} and channels <= {TIME, "altitude", "height", "airspeed"} else ""
 
 
+def _path(topic: Topic, cell: str) -> str:
+    """A column as a channel map names it: with its topic, where that has a name."""
+    return f"{topic.name}.{cell}" if topic.name else cell
+
+
 def _columns_in(choice: ColumnChoice, topics: Sequence[Topic]) -> set[str]:
     text = str(choice.column)
-    names = {f"{topic.name}.{cell}" if topic.name else cell for topic in topics for cell in topic.table.header}
+    names = {_path(topic, cell) for topic in topics for cell in topic.table.header}
     return {text} if text in names else {name for name in names if re.search(rf"(?<![\w.]){re.escape(name)}(?![\w\[])", text)}
 
 
@@ -315,7 +476,7 @@ def _plain(name: str) -> str:
 def _suffix(cell: str) -> str | None:
     """A unit at the end of a header behind an underscore or a comma: ``alpha,__deg``, ``pitch_deg``."""
     word = re.split(r"[,_ ]+", split_header(cell)[0].strip())[-1]
-    return {"deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g"}.get(word)
+    return SPELT.get(word)
 
 
 def _converts(unit: str, inside: str) -> bool:

@@ -22,8 +22,10 @@ def instead_of(outputs: Collection[str]) -> dict[str, str]:
     return {name: channel for name, (channel, _) in ACCELEROMETERS.items() if name in outputs}
 
 
-def with_load_factors(record: Record) -> tuple[Record, tuple[str, ...]]:
+def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Record, tuple[str, ...]]:
     """The record with load factors (g) in the place of accelerometers, and a sentence on each; of two channels for one the load factor counts.
+
+    ``kept``: outputs of a model, whose accelerometers stay as they are.
 
     Raises
     ------
@@ -31,7 +33,7 @@ def with_load_factors(record: Record) -> tuple[Record, tuple[str, ...]]:
     """
     told = []
     for name, (channel, sign) in ACCELEROMETERS.items():
-        if channel not in record.output_names or name in record.output_names:
+        if channel not in record.output_names or name in record.output_names or channel in kept:
             continue
         force = record[channel]
         factor = Channel.of(name, "g", np.where(force.valid, sign * force.values / G0, np.nan))

@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenarios.preparation.plan import WHOLE, Plan, plan_of
+from scenarios.preparation.plan import WHOLE, Plan, plan_of, refuse_turned
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -59,9 +59,7 @@ def read_parts(path: str | Path) -> Parts:
     for each in entry.maneuvers:
         number = each.number if each.number is not None else (parts[-1].number + 1 if parts else 1)
         part = Part(number, each.name or str(number), each.from_, each.to)
-        if not part.start < part.stop:
-            what = f"from = {part.start:g} is not before to = {part.stop:g}"
-            raise DeclarationError(what, where=f"{where}, maneuver {part.number}", remedy="give the earlier time first")
+        refuse_turned(part.start, part.stop, f"{where}, maneuver {part.number}")
         for other in parts:
             if number == other.number or part.name == other.name:
                 what = f"two maneuvers have the {'number' if number == other.number else 'name'} {number if number == other.number else part.name}"

@@ -60,6 +60,13 @@ class Plan:
                 raise DeclarationError(f"{value:g} Hz is no frequency", where=option, remedy="give a number above zero")
 
 
+def refuse_turned(start: float | None, stop: float | None, where: str) -> None:
+    """Raise DeclarationError where a part of a record, as a file declares it, ends before it
+    begins."""
+    if start is not None and stop is not None and not start < stop:
+        raise DeclarationError(f"from = {start:g} is not before to = {stop:g}", where=where, remedy="give the earlier time first")
+
+
 def plan_of(
     starts: Sequence[float] | None = None,
     stops: Sequence[float] | None = None,
@@ -78,6 +85,19 @@ def plan_of(
     """
     held = _hold_of(hold) if hold is not None else None
     return Plan(_segments(list(starts or ()), list(stops or ())), held, rate, lowpass, trusted, _names_of(columns))
+
+
+def options_of(plan: Plan) -> list[str]:
+    """The words of a command line that ask for a plan; segments of maneuvers as their times."""
+    words = []
+    for segment in plan.segments:
+        for option, value in (("--from", segment.start), ("--to", segment.stop)):
+            words += [option, f"{value:.9g}"] if value is not None else []
+    words += ["--hold", plan.hold.value] if plan.hold is not None else []
+    for option, frequency in (("--rate", plan.rate), ("--lowpass", plan.lowpass)):
+        words += [option, f"{frequency:.9g}"] if frequency is not None else []
+    words += ["--columns", ",".join(plan.columns)] if plan.columns else []
+    return [*words, "--trust-record"] if plan.trusted else words
 
 
 def _names_of(columns: str | None) -> tuple[str, ...]:

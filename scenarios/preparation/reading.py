@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -15,7 +15,7 @@ from scenarios.files.own_models import channel_units, is_own
 from scenarios.preparation.airspeed import Flow, able, flow_doubts, flow_sentence, measured_flow, with_flow
 from scenarios.preparation.attitude import wants_attitude, with_attitude
 from scenarios.preparation.filtering import filtered
-from scenarios.preparation.gaps import gaps_of, split_at_gaps
+from scenarios.preparation.gaps import Parted, parts_of, put_together, split_at_gaps
 from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold
 from scenarios.preparation.load_factor import instead_of, with_load_factors
 from scenarios.preparation.plan import ATTITUDE, BY_HAND, WHOLE, Plan, Segment
@@ -26,7 +26,8 @@ from sim.record import Hold, Record
 
 Read = tuple[Record, bool]  # a record, and whether its file says how its inputs are to be read
 PLAIN = 0.15  # of a residual, by which a record without trim lift shows itself; other effects that a model lacks do less
-PREDICTED_THROUGH = "the record has a gap in time, through which its inputs are held; cut it with --from and --to"
+THRUST = "thrust_command"
+IN_PARTS = "predicted in {count} part{s}; initial states and biases are fitted to each"
 STEADY = 0.01  # of the pressure, within which its change is no evidence of anything
 
 
@@ -45,7 +46,8 @@ class Prepared:
     Attributes
     ----------
     model : the declared one, with the measured flow as further inputs where a record has one.
-    fitted, validation : records for it.
+    fitted, validation : records for it; those with gaps in time are there in parts.
+    parted : records that are predicted, each with the number of its parts in ``validation``.
     measured : the fitted records as they would be written: before trims are taken off and the flow becomes an input.
     notes : what was done, one sentence each. doubts : what in the files is likely to be wrong, and the remedy.
     look : what the raw columns show.
@@ -58,11 +60,17 @@ class Prepared:
     notes: tuple[str, ...]
     doubts: tuple[str, ...] = ()
     look: RawLook = NOTHING_SEEN
+    parted: tuple[Parted, ...] = ()
+
+    @property
+    def predicted(self) -> tuple[Record, ...]:
+        """The records that are predicted, each whole."""
+        return tuple(put_together(one, self.validation[span], ())[0] for one, span in parts_of(self.parted, self.validation))
 
 
-def prepared(record: Record, plan: Plan, *, own: bool = False) -> tuple[Record, tuple[str, ...]]:
-    """What needs no model: load factors from accelerometers, then the plan's common filter; sentences on both. A sound record comes back itself."""
-    record, of_accelerometers = (record, ()) if own else with_load_factors(record)
+def prepared(record: Record, plan: Plan, *, own: bool = False, kept: Collection[str] = ()) -> tuple[Record, tuple[str, ...]]:
+    """Load factors from accelerometers but for those ``kept``, then the plan's common filter; sentences on both. A sound record comes back itself."""
+    record, of_accelerometers = (record, ()) if own else with_load_factors(record, kept)
     record, of_filter = filtered(record, plan)
     return record, (*of_accelerometers, *([of_filter] if of_filter else []))
 
@@ -77,8 +85,10 @@ def prepare(
     flow: bool = True,
     attitude: bool = False,
     decided: Decided | None = None,
+    part: Segment = WHOLE[0],
 ) -> Prepared:
-    """A model's channels out of files, prepared: the plan's segments of ``files``, all of ``validate``.
+    """A model's channels out of files, prepared: the plan's segments of ``files``, that ``part`` of
+    those of ``validate``.
 
     A measured speed is used with ``flow``, a measured pitch attitude with ``attitude``, which only effects can use. ``decided``: how to read
     what the files do not say; None: as the declared model fits better.
@@ -87,8 +97,8 @@ def prepare(
     ------
     RecordError : anything in a file that keeps it from being used, in one line.
     """
-    split = split_files = len(files) * len(plan.segments)
-    parts = [(file, segment) for file in files for segment in plan.segments] + [(file, WHOLE[0]) for file in validate]
+    split = len(files) * len(plan.segments)
+    parts = [(file, segment) for file in files for segment in plan.segments] + [(file, part) for file in validate]
     optional = (*(able(model) if flow else ()), *((ATTITUDE,) if attitude and wants_attitude(model) else ()))
     parted = [_read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels, plan) for n, (file, segment) in enumerate(parts)]
     told = [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
@@ -97,15 +107,18 @@ def prepare(
         pieces, of_gaps = split_at_gaps(record)
         read += [(piece, stated) for piece in pieces]
         told += [f"{record.name}: {of_gaps}"] if of_gaps else []
-    told += [f"{record.name}: {PREDICTED_THROUGH}" for (record, _), _ in parted[split:] if gaps_of(record).size]
     names = [record for (record, _), _ in parted]
-    split = len(read)
-    read += [each for each, _ in parted[split_files:]]
+    first, split, whole = split, len(read), []
+    for (record, stated), _ in parted[first:]:
+        pieces, of_gaps = split_at_gaps(record, IN_PARTS)
+        read += [(piece, stated) for piece in pieces]
+        whole.append(Parted(record.name, record.time if plan.rate is None else None, len(pieces)))
+        told += [f"{record.name}: {of_gaps}"] if of_gaps else []
     records, look = looked_at([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
     ready = for_model(read[:split], model, plan, read[split:], decided)
     notes = (*plan.chosen, *grouped(told, names), *ready.notes)
-    return replace(ready, notes=notes, doubts=(*look.doubts, *ready.doubts), look=look)
+    return replace(ready, notes=notes, doubts=(*look.doubts, *ready.doubts), look=look, parted=tuple(whole))
 
 
 def for_model(
@@ -115,12 +128,14 @@ def for_model(
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
     own, known = is_own(model), all(stated for _, stated in read)
-    first = [record if own else with_load_factors(record)[0] for record, _ in fitted]
+    kept = [signal.name for signal in model.equations.outputs]
+    first = [record if own else with_load_factors(record, kept)[0] for record, _ in fitted]
     hold, weight, notes = _readings(first, model, plan, known=known) if decided is None else (plan.hold or decided.hold, decided.weight, [])
     records: list[Record] = []
     told: list[str] = []
     for record, stated in read:
-        one, sentences = prepared(record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold), plan, own=own)
+        as_read = record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold)
+        one, sentences = prepared(as_read, plan, own=own, kept=kept)
         records.append(one)
         told += sentences
     with np.errstate(over="ignore", invalid="ignore"):  # numbers beyond all measure are for the fit to refuse
@@ -136,8 +151,14 @@ def for_model(
     wider, ready, said = with_attitude(wider, ready)
     told += [said] if said else []
     told += ["the airspeed is measured: speed-variation is no candidate"] if flown else []
-    doubts = tuple(flow_doubts(records, model))
+    doubts = (*flow_doubts(records, model), *_idle_motors(records))
     return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(records[:split]), (*grouped(told, records), *notes), doubts)
+
+
+def _idle_motors(records: Sequence[Record]) -> list[str]:
+    """A sentence on each record of a multirotor whose motors had no thrust: its commands answer a motion that something else makes."""
+    idle = [record.name for record in records if THRUST in record.input_names and not np.any(record[THRUST].values)]
+    return [f"{name}: {THRUST} is zero throughout, so the motors moved nothing; use a part of the log in flight (--from, --to)" for name in idle]
 
 
 def _shown(value: float, unit: str) -> str:

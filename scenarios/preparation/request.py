@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.preparation.plan import Plan
+from scenarios.preparation.plan import Plan, options_of
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:  # a process that draws figures starts before these are loaded
@@ -65,6 +65,20 @@ def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
             what = f"{vehicle.model} is no model of an aircraft, whose flying qualities have levels"
             raise DeclarationError(what, where=option, remedy="leave it out")
     return flown_as(request.aircraft_class or vehicle.aircraft_class, request.flight_phase or vehicle.flight_phase)
+
+
+def reading_options(request: Request, *, opening: bool = False, rate: bool = True) -> list[str]:
+    """Options of the command line that read the records as the request does, for commands that are
+    proposed.
+
+    ``opening`` : those alone that open a file: channel map, names of columns, and with ``rate`` the
+    rate.
+    """
+    plan = request.plan
+    words = ["--channels", str(request.channels)] if isinstance(request.channels, Path) else []
+    if not opening:
+        return [*words, *options_of(plan)]
+    return [*words, *options_of(Plan(columns=plan.columns, rate=plan.rate if rate else None))]
 
 
 def column_choices(request: Request, known: Iterable[str] = CHANNEL_UNITS) -> Mapping[str, ColumnChoice] | None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from scenarios.files.own_models import is_own
-from sim.declaration.model import Model
+from sim.declaration.model import Model, OfTotals
 from sim.record import Channel, Record
 
 REST = 0.05  # of an input's span, within which it rests
@@ -18,7 +18,9 @@ STILL = 0.3  # of a channel's scatter over the record, by which it may change wh
 
 
 def of_totals(model: Model) -> bool:
-    """Whether the equations are of totals, not of perturbations about a trim: a user's own, and those that know the airspeed."""
+    """Whether the equations are of totals, not of perturbations about a trim: a user's own, those that say so, and those that know the airspeed."""
+    if isinstance(model.equations, OfTotals):
+        return model.equations.totals
     return is_own(model) or any(state.name == "airspeed" for state in model.equations.states)
 
 

@@ -15,7 +15,16 @@ from scenarios.studies.scenario_file.choices import methods_without_gone, withou
 from sim.errors import DeclarationError
 
 IDENTIFICATION = "identification"
-KINDS = (IDENTIFICATION, "trace", "standin", "x29", "jsbsim")
+KINDS = (IDENTIFICATION, "trace", "x29", "jsbsim")
+# Names of earlier versions, by what examines the tracing loop today; `exam` is not installed.
+EXAMINATIONS = {
+    "false-alarms": "false-alarms",
+    "clean-models": "clean",
+    "weak-effects": "weak-effects",
+    "random-papers": "random",
+    "every-effect": "every-effect",
+}
+SURROGATE = "standin"
 
 
 def scenario_names(kind: str | None = None) -> tuple[str, ...]:
@@ -29,6 +38,8 @@ def scenario_kind(name: str) -> str:
     """What a scenario studies, by the key ``kind`` of its file: ``IDENTIFICATION`` where it has none; a name or a path as ``load_document``."""
     document, _, where = load_document(name)
     kind = str(document.get("kind", IDENTIFICATION))
+    if kind == SURROGATE:
+        raise moved(f"a scenario of kind {kind!r}", "surrogate", where)
     if kind not in KINDS:
         raise DeclarationError(f"there is no kind {kind!r}", where=f"{where}, key kind", remedy=closest(kind, KINDS))
     return kind
@@ -94,7 +105,17 @@ def _beside(document: dict[str, Any], folder: Path) -> dict[str, Any]:
     return {**out, "methods": [found(each, "model") for each in methods]} if isinstance(methods, list) else out
 
 
+def moved(what: str, examination: str, where: str = "flightid") -> DeclarationError:
+    """The fault of asking for what `exam` has, which is a part of the source and not installed."""
+    remedy = f"in a checkout of the source: python -m exam {examination} --help"
+    return DeclarationError(f"{what} examines the tracing loop", where=where, remedy=remedy)
+
+
 def _known(name: str) -> None:
+    if name in EXAMINATIONS:
+        raise moved(name, EXAMINATIONS[name])
+    if name.startswith(f"{SURROGATE}-"):
+        raise moved(name, f"surrogate {name.replace(SURROGATE, 'surrogate', 1)}")
     if name not in scenario_names():
         raise DeclarationError(f"there is no scenario {name!r}", where="flightid", remedy=closest(name, scenario_names()))
 

@@ -7,7 +7,7 @@ EXAMPLE = """\
 title = "two flights of a bomber"
 model = "rigid"                    # as --model
 vehicle = "flight_vehicle.toml"    # what all flights have in common; paths are relative to this file
-# channels = "map.toml"            # likewise from, to, maneuver, maneuvers, hold, rate, lowpass, effort, effects
+# channels = "map.toml"            # likewise columns, from, to, maneuver, maneuvers, hold, rate, lowpass, effort, effects
 # records = "flights/*.csv"        # each file a flight that needs no further word
 
 [[flights]]

@@ -16,7 +16,7 @@ from scenarios.files.units import to_si
 from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.files.versions import own_version
 from scenarios.files.writing import unportable
-from scenarios.preparation.plan import Plan, plan_of
+from scenarios.preparation.plan import Plan, plan_of, refuse_turned
 from scenarios.preparation.request import Request
 from scenarios.survey.vehicle_text import changed, toml_text
 from sim.errors import DeclarationError, FlightidError
@@ -118,12 +118,14 @@ def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
     told = {Path(one) for each in entry.flights for one in (each.records or [str(each.record)])}
     out = []
     for pattern in patterns:
-        matched = sorted(root.glob(pattern)) if any(mark in pattern for mark in "*?[") else [root / pattern]
+        anchor = Path(Path(pattern).anchor) if Path(pattern).is_absolute() else root
+        below = str(Path(pattern).relative_to(anchor)) if Path(pattern).is_absolute() else pattern
+        matched = sorted(anchor.glob(below)) if any(mark in pattern for mark in "*?[") else [root / pattern]
         if not matched:
             raise DeclarationError(
                 f"no file matches {pattern!r}", where=f"{where}, key records", remedy="check the path; it is relative to this file"
             )
-        paths = [each.relative_to(root) for each in matched]
+        paths = [each.relative_to(root) if each.is_relative_to(root) else each for each in matched]
         out += [FlightEntry.model_validate({"record": each.as_posix()}) for each in paths if each not in told]
     return out
 
@@ -146,10 +148,11 @@ def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, mode
     place = f"{where}, flight {name}"
     start, stop = _either(entry.from_, shared.from_), _either(entry.to, shared.to)
     hold, rate, lowpass = (_either(getattr(entry, key), getattr(shared, key)) for key in ("hold", "rate", "lowpass"))
-    if start is not None and stop is not None and not start < stop:
-        raise DeclarationError(f"from = {start:g} is not before to = {stop:g}", where=place, remedy="give the earlier time first")
+    refuse_turned(start, stop, place)
+    columns = _either(entry.columns, shared.columns)
+    names = ",".join(columns) if isinstance(columns, list) else columns
     try:
-        plan = plan_of([start] if start is not None else None, [stop] if stop is not None else None, hold, rate, lowpass)
+        plan = plan_of([start] if start is not None else None, [stop] if stop is not None else None, hold, rate, lowpass, columns=names)
     except FlightidError as error:
         raise DeclarationError(error.what, where=place, remedy=error.remedy) from None
     records = tuple(root / each for each in (entry.records or [str(entry.record)]))

@@ -8,9 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, Field, StringConstraints
 
 from scenarios.files.vehicles_schema import STRICT
+from scenarios.preparation.maneuver_schema import Name, Number
 
-Name = Annotated[str, StringConstraints(min_length=1)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
 FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9._+-]*$"  # a flight's results have a folder of its name
 
 
@@ -23,6 +22,7 @@ class Reading(BaseModel):
 
     model_config = STRICT
     channels: Name | None = None
+    columns: Name | Annotated[list[Name], Field(min_length=1)] | None = None
     from_: Number | None = Field(None, alias="from")
     to: Number | None = None
     maneuver: int | Name | Annotated[list[int | Name], Field(min_length=1)] | None = None

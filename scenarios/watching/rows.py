@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,24 +14,45 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.formats.cells import LARGEST, MISSING, header_cell
+from scenarios.files.formats.cells import LARGEST, MISSING, Table, header_cell
+from scenarios.files.formats.layout import is_number
 from scenarios.files.measured.columns import Column, column_place, find_column, missing_column
+from scenarios.files.measured.derived import source_columns, with_derived
+from scenarios.files.measured.expressions import is_plain_name
+from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.measured.sidecar import Sidecar, refuse_unknown_units
+from scenarios.files.sources import InputFile
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 
 INPUTS, OUTPUTS = (STICK,), ("alpha", "q", "nz")
 AHEAD = 1.0  # s: a time stamp further ahead is believed when the next one bears it out
+UNWRAP = re.compile(r"\bunwrap\s*\(")
 LOST = 600.0  # s: after a gap this long nothing of the motion before is known
 
 
 @dataclass(frozen=True)
 class Header:
-    """The channels' columns in the order time, stick, alpha, q, nz (None where an output is absent), and the number of cells in a row."""
+    """How the rows of a stream are read.
+
+    Attributes
+    ----------
+    columns : of the channels in the order time, stick, alpha, q, nz; None where an output is
+        absent, or the clock.
+    width : number of cells in a row. name : of the stream.
+    rate : Hz, of a stream without a clock; ``first``: the line of its first row.
+    computed : the file without rows and the channel map, where channels are computed; ``columns``
+        are then those of the wider table.
+    sources : columns of the stream that are read, in the order of their places.
+    """
 
     columns: tuple[Column | None, ...]
     width: int
     name: str
+    rate: float | None = None
+    first: int = 2
+    computed: tuple[RecordFile, Mapping[str, ColumnChoice]] | None = None
+    sources: tuple[int, ...] = ()
 
     @property
     def stick_unit(self) -> str:
@@ -61,13 +83,65 @@ class Order(NamedTuple):
     lost: float | None = None
 
 
-def read_header(line: bytes, name: str, choices: Mapping[str, ColumnChoice] | None = None, units: Mapping[str, str] | None = None) -> Header:
+def read_header(
+    line: bytes,
+    name: str,
+    choices: Mapping[str, ColumnChoice] | None = None,
+    units: Mapping[str, str] | None = None,
+    names: Sequence[str] = (),
+    rate: float | None = None,
+    first: int = 2,
+) -> Header:
     """The header of a stream, by the rules for records.
+
+    Parameters
+    ----------
+    line : the header, or the first row where ``names`` are given and there is none. name : of the
+        stream.
+    choices : channel map. units : the sidecar's. names : of the columns, in their order, instead of
+        the header's.
+    rate : Hz, of a stream without a clock. first : line of the first row.
 
     Raises
     ------
-    RecordError : not UTF-8, not separated by commas, no time or stick, none of the outputs, or as for ``find_column``.
+    RecordError : not UTF-8, not separated by commas, no time or stick, none of the outputs, or as
+        for ``find_column``; a channel that needs
+        other rows than its own; a rate beside a clock.
     """
+    cells = _named(header_cells(line, name), name, names)
+    width, computed = len(cells), None
+    sources: tuple[int, ...] = ()
+    refuse_unknown_units(Sidecar(units=units or {}), cells, Path(name), {*CHANNEL_UNITS, *(choices or {})})
+    if choices is not None:
+        choices = {channel: _by_name(choice, cells) for channel, choice in choices.items()}
+        _refuse_other_rows(choices, name)
+        file = RecordFile(Path(name), _table(name, cells, {}, 0), Sidecar(units=units or {}), InputFile(name, ""))
+        found = source_columns(file, choices, INPUTS, OUTPUTS)
+        if found:
+            computed, sources = (file, choices), found
+            wider, choices = with_derived(file, choices, INPUTS, OUTPUTS)
+            cells = list(wider.table.header)
+    columns = tuple(find_column(channel, cells, name, choices, units) for channel in (TIME, *INPUTS, *OUTPUTS))
+    if rate is not None and columns[0] is not None:
+        raise RecordError("the stream has a clock of its own", where=f"{name}, --rate", remedy="leave --rate out: a stream is not resampled")
+    for channel, column in zip((TIME, *INPUTS), columns, strict=False):
+        if column is None and (channel != TIME or rate is None):
+            raise _missing(channel, cells, name)
+    if not any(columns[1 + len(INPUTS) :]):
+        raise _missing(OUTPUTS[0], cells, name)
+    direct = {column.index for column in columns if column is not None and column.index < width}
+    return Header(columns, width, name, rate, first, computed, tuple(sorted({*direct, *sources})))
+
+
+def is_row(line: bytes, name: str) -> bool:
+    """Whether a line holds numbers alone, so that it is no header. Raises RecordError where it is
+    no comma-separated text."""
+    return all(is_number(cell) or not cell.strip() for cell in header_cells(line, name))
+
+
+def header_cells(line: bytes, name: str) -> list[str]:
+    """The cells of a stream's first line. Raises RecordError where it is no comma-separated text in
+    UTF-8."""
     try:
         cells = [header_cell(cell, name) for cell in next(csv.reader([line.decode("utf-8-sig")]), [])]
     except UnicodeDecodeError:
@@ -76,14 +150,50 @@ def read_header(line: bytes, name: str, choices: Mapping[str, ColumnChoice] | No
         raise RecordError(f"not comma-separated text ({error})", where=f"{name}, row 1", remedy="stream comma-separated text in UTF-8") from None
     if len(cells) == 1 and any(mark in cells[0] for mark in ";\t"):
         raise RecordError("the columns are not separated by commas", where=f"{name}, row 1", remedy="put commas between the columns")
-    refuse_unknown_units(Sidecar(units=units or {}), cells, Path(name), {*CHANNEL_UNITS, *(choices or {})})
-    columns = tuple(find_column(channel, cells, name, choices, units) for channel in (TIME, *INPUTS, *OUTPUTS))
-    for channel, column in zip((TIME, *INPUTS), columns, strict=False):
-        if column is None:
-            raise missing_column(channel, cells, name)
-    if not any(columns[1 + len(INPUTS) :]):
-        raise missing_column(OUTPUTS[0], cells, name)
-    return Header(columns, len(cells), name)
+    return cells
+
+
+def _named(cells: list[str], name: str, names: Sequence[str]) -> list[str]:
+    """The header with the names that are given. Raises RecordError where they are not as many."""
+    if names and len(names) != len(cells):
+        what = f"{len(names)} names for {len(cells)} columns of {name}"
+        raise RecordError(what, where="--columns", remedy="give one name a column, separated by commas")
+    return list(names) if names else cells
+
+
+def _missing(channel: str, cells: Sequence[str], name: str) -> RecordError:
+    """The error for a stream without a channel."""
+    error = missing_column(channel, cells, name)
+    if all(is_number(cell) for cell in cells):
+        return RecordError("there is no header, the first row holds numbers", where=f"{name}, row 1", remedy="name the columns with --columns")
+    clock = "; of a stream without a clock give --rate HZ" if channel == TIME else ""
+    return RecordError(error.what, where=error.where, remedy=f"{error.remedy}{clock}")
+
+
+def _by_name(choice: ColumnChoice, cells: Sequence[str]) -> ColumnChoice:
+    """A column that is chosen by its number alone, chosen by its header."""
+    known = isinstance(choice.column, int) and not choice.computed and choice.column <= len(cells)
+    return replace(choice, column=cells[int(choice.column) - 1]) if known else choice
+
+
+def _refuse_other_rows(choices: Mapping[str, ColumnChoice], name: str) -> None:
+    """Raise RecordError for a channel that is computed from other rows than its own: a stream has
+    only those that came."""
+    remedy = "leave it out of the map, or use flightid identify on the whole record"
+    for channel, choice in choices.items():
+        where = f"{name}, channel {channel}"
+        if choice.delay:
+            raise RecordError("a delay needs rows that have not come yet", where=where, remedy=remedy)
+        if UNWRAP.search(str(choice.column)):
+            raise RecordError("unwrap needs the rows before", where=where, remedy=remedy)
+        if channel == TIME and (choice.computed or not is_plain_name(str(choice.column))):
+            raise RecordError("the clock of a stream is one column", where=where, remedy='write time = {column = "HEADER", unit = "ms"}')
+
+
+def _table(name: str, cells: Sequence[str], columns: Mapping[int, np.ndarray], rows: int) -> Table:
+    """Rows of a stream as a table, NaN where a column is not read."""
+    blank = np.full(rows, np.nan)
+    return Table(name, tuple(cells), tuple(columns.get(index, blank) for index in range(len(cells))), np.arange(1, rows + 1))
 
 
 def read_lines(header: Header, lines: Sequence[bytes], first: int) -> tuple[np.ndarray, list[int], list[Fault]]:
@@ -91,8 +201,7 @@ def read_lines(header: Header, lines: Sequence[bytes], first: int) -> tuple[np.n
 
     ``first`` is the number of the first line. Empty lines are no fault.
     """
-    present = [row for row, column in enumerate(header.columns) if column is not None]
-    places = [column.index for column in header.columns if column is not None]
+    places = header.sources
     values: list[list[float]] = []
     numbers: list[int] = []
     faults: list[Fault] = []
@@ -106,7 +215,17 @@ def read_lines(header: Header, lines: Sequence[bytes], first: int) -> tuple[np.n
             values.append(found)
             numbers.append(number)
     table = np.full((len(header.columns), len(values)), math.nan)
-    table[present] = np.array(values, dtype=float).reshape(-1, len(places)).T
+    came = np.array(values, dtype=float).reshape(-1, len(places)).T
+    read = {place: came[row] for row, place in enumerate(places)}
+    if header.computed is not None:
+        file, choices = header.computed
+        file = replace(file, table=_table(header.name, file.table.header, read, len(values)))
+        read = dict(enumerate(np.asarray(each) for each in with_derived(file, choices, INPUTS, OUTPUTS)[0].table.columns))
+    for row, column in enumerate(header.columns):
+        if column is not None:
+            table[row] = read[column.index]
+    if header.rate is not None:
+        table[0] = (np.array(numbers, dtype=float) - header.first) / header.rate
     for row, (column, channel) in enumerate(zip(header.columns, (TIME, *INPUTS, *OUTPUTS), strict=True)):
         if column is not None and channel != STICK:
             table[row] = to_si(table[row], column.unit, CHANNEL_UNITS[channel], column_place(header.name, column))

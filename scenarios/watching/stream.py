@@ -13,7 +13,7 @@ import numpy as np
 from scenarios.files.channels import ColumnChoice
 from scenarios.watching.lines import Lines
 from scenarios.watching.reference import Reference, vehicle_to_watch
-from scenarios.watching.rows import Fault, Header, Order, in_order, read_header, read_lines
+from scenarios.watching.rows import Fault, Header, Order, in_order, is_row, read_header, read_lines
 from scenarios.watching.session import Session
 from sim.errors import RecordError
 
@@ -25,7 +25,9 @@ TOGETHER = 200  # rows that are filtered before they are written and shown: a fe
 class Watch:
     """What the loop changes: the header once it came, how far the stream is, and what was left out.
 
-    ``beside``: name of the JSON file that was read because it is beside the record, empty without one.
+    ``beside``: name of the JSON file that was read because it is beside the record, empty without
+    one. ``columns``: names of the columns,
+    where there is no header or another one is wanted; ``rate``: Hz, where there is no clock.
     """
 
     name: str
@@ -35,6 +37,8 @@ class Watch:
     units: Mapping[str, str]
     refine: bool = True
     beside: str = ""
+    columns: tuple[str, ...] = ()
+    rate: float | None = None
     header: Header | None = None
     session: Session | None = None
     order: Order = field(default_factory=Order)
@@ -56,10 +60,13 @@ def rows_in(watch: Watch, came: Lines) -> np.ndarray:
     if lines:
         watch.heard = time.monotonic()
     while watch.header is None and lines:
-        first, lines = lines[0], lines[1:]
-        watch.line += 1
+        first = lines[0]
+        bare = bool(first.strip() and watch.columns) and is_row(first, watch.name)
+        if not bare:
+            watch.line += 1
+            lines = lines[1:]
         if first.strip():
-            watch.header = read_header(first, watch.name, watch.choices, watch.units)
+            watch.header = read_header(first, watch.name, watch.choices, watch.units, watch.columns, watch.rate, watch.line + 1)
             watch.session = Session(vehicle_to_watch(watch.vehicle_path, watch.reference), watch.name, watch.header.stick_unit, refine=watch.refine)
     if watch.header is None or not lines:
         return np.zeros((0, 0))

@@ -10,8 +10,8 @@ import numpy as np
 from ident.banks.delays import DelayBank
 from ident.banks.engines import BATCHED, Agreement, SecondPass, against_filterpy, agreement
 from ident.estimate import Estimate
-from ident.flying_qualities.frequency_response import estimate_response, fit_response
 from ident.flying_qualities.handling_qualities import Level, Quality, levels, qualities
+from ident.frequency_response.multitaper import estimate_response, fit_response
 from ident.statistics.differences import Comparison, compare_estimates
 from ident.statistics.residuals import ResidualTest, residual_tests
 from scenarios.studies.catalogue import load_document

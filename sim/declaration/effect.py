@@ -224,6 +224,14 @@ class ReadsRates(Protocol):
 
 
 @runtime_checkable
+class ReadsOutputs(Protocol):
+    """An effect on one sensor that reads other outputs: ``outputs_read`` names them."""
+
+    @property
+    def outputs_read(self) -> Sequence[str]: ...
+
+
+@runtime_checkable
 class ReadsStates(Protocol):
     """Reads states of the equations, named in ``states_read``, beside what it acts on: on a vehicle without them it is not offered."""
 
@@ -268,6 +276,11 @@ def constants_needed(effect: object) -> Sequence[str]:
 def rates_read_by(effect: object) -> Sequence[str]:
     """Names of the states whose rates an effect reads; none where it does not say."""
     return effect.rates_read if isinstance(effect, ReadsRates) else ()
+
+
+def outputs_read_by(effect: object) -> Sequence[str]:
+    """Names of the outputs besides its own channel that a sensor effect reads; none where it does not say."""
+    return effect.outputs_read if isinstance(effect, ReadsOutputs) else ()
 
 
 def states_read_by(effect: object) -> Sequence[str]:

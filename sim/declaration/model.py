@@ -80,6 +80,14 @@ class KnowingBiases(Protocol):
     def bias_priors(self) -> Mapping[str, float]: ...
 
 
+@runtime_checkable
+class OfTotals(Protocol):
+    """Equations that say whether their signals are totals, from which no trim is taken off, or perturbations about a trim."""
+
+    @property
+    def totals(self) -> bool: ...
+
+
 @dataclass(frozen=True)
 class Noise:
     """What is random in a model.
@@ -172,14 +180,19 @@ class Model:
         return replace(self, initial=initial)
 
     def with_effects(self, *effects: Effect) -> Model:
-        """The same model with further effects, their parameters at the effects' starting values."""
+        """The same model with further effects, their parameters at the effects' starting values.
+
+        An effect that is ``shared`` takes a parameter of its own full name that is there already, as one delay of several inputs.
+        """
         model = self
         for effect in effects:
             if any(present.name == effect.name for present in model.effects):
                 raise ModelError(
                     f"effect {effect.name} acts already", where=f"model {self.name}", remedy="give the second one another number or channel"
                 )
-            added = tuple(replace(item, name=full_name(effect, item.name)) for item in effect.parameters)
+            named = (replace(item, name=full_name(effect, item.name)) for item in effect.parameters)
+            shared = getattr(effect, "shared", False)
+            added = tuple(item for item in named if not (shared and item.name in model.parameters))
             model = replace(model, effects=(*model.effects, effect), parameters=model.parameters.joined(added))
         return model
 
@@ -189,9 +202,11 @@ class Model:
         if not gone:
             known = ", ".join(effect.name for effect in self.effects) or "none"
             raise ModelError(f"there is no effect {name!r}", where=f"model {self.name}", remedy=f"it has {known}")
-        names = {full_name(gone[0], item.name) for item in gone[0].parameters}
+        others = tuple(effect for effect in self.effects if effect.name != name)
+        shared = {full_name(effect, item.name) for effect in others for item in effect.parameters}
+        names = {full_name(gone[0], item.name) for item in gone[0].parameters} - shared
         kept = ParameterSet(tuple(item for item in self.parameters if item.name not in names))
-        return replace(self, effects=tuple(effect for effect in self.effects if effect.name != name), parameters=kept)
+        return replace(self, effects=others, parameters=kept)
 
     def with_biases(self, outputs: Sequence[str], prior_std: float = math.inf) -> Model:
         """The same model with one free constant bias on each of the named outputs; what the equations know of one is its prior."""

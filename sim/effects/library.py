@@ -11,7 +11,17 @@ import importlib
 import pkgutil
 from types import ModuleType
 
-from sim.declaration.effect import Effect, OnChannel, OnSignal, Station, constants_needed, ports_needed, rates_read_by, states_read_by
+from sim.declaration.effect import (
+    Effect,
+    OnChannel,
+    OnSignal,
+    Station,
+    constants_needed,
+    outputs_read_by,
+    ports_needed,
+    rates_read_by,
+    states_read_by,
+)
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
@@ -91,7 +101,7 @@ def applies(effect: Effect, equations: Equations) -> bool:
     # Of several inputs each has its own instance, which its label names.
     whose = not isinstance(effect, OnSignal) or len(controls(equations)) == 1 or getattr(effect, "label", effect.signal) != ""
     fed = not isinstance(effect, OnSignal) or (effect.signal in inputs and whose)
-    read = not isinstance(effect, OnChannel) or effect.channel in outputs
+    read = (not isinstance(effect, OnChannel) or effect.channel in outputs) and outputs.issuperset(outputs_read_by(effect))
     able = ports.issuperset(ports_needed(effect)) and states.issuperset((*rates_read_by(effect), *states_read_by(effect)))
     return fed and read and able and in_its_unit(effect, equations) and {*equations.parameter_names}.issuperset(constants_needed(effect))
 

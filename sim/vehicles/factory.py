@@ -17,6 +17,7 @@ from sim.vehicles.data import Number, Origin, VehicleData
 from sim.vehicles.lateral import LATERAL_CONSTANTS, LATERAL_DERIVATIVES, Lateral
 from sim.vehicles.loes import Loes
 from sim.vehicles.longitudinal import LONGITUDINAL_CONSTANTS, LONGITUDINAL_DERIVATIVES, Longitudinal
+from sim.vehicles.multirotor import DELAY, LAG, MULTIROTOR_DERIVATIVES, Multirotor, motor_path
 from sim.vehicles.short_period import ShortPeriod
 
 RIGID_CONSTANTS = {"mass": "kg", "wing_area": "m2", "chord": "m", "pitch_inertia": "kg m2", "airspeed": "m/s", "air_density": "kg/m3"}
@@ -37,6 +38,7 @@ Family = tuple[Equations, Mapping[str, str], Mapping[str, str]]
 WHOLE_AXES: Mapping[str, Family] = {
     "lateral": (Lateral(), LATERAL_CONSTANTS, LATERAL_DERIVATIVES),
     "longitudinal": (Longitudinal(), LONGITUDINAL_CONSTANTS, LONGITUDINAL_DERIVATIVES),
+    "multirotor": (Multirotor(), {}, MULTIROTOR_DERIVATIVES),
 }
 # All equations by name, with units of the constants and of what is estimated.
 FAMILIES: Mapping[str, Family] = {
@@ -111,18 +113,30 @@ def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
 
 
 def whole_axis_model(data: VehicleData, noise: Noise | None = None) -> Model:
-    """The lateral or longitudinal equations with a set's numbers: constants held, the derivatives that it gives free, the others held at zero.
+    """Lateral, longitudinal or multirotor equations with a set's numbers: constants held, derivatives given free, others held at zero.
 
+    A motor time constant and a delay that a set gives act on all commands of a multirotor.
     Raises DeclarationError as ``rigid_model``, and for inertias that no body has.
     """
     equations, constants, derivatives = WHOLE_AXES[data.equations]
-    absent = [Number(name, 0.0, unit, note="left out") for name, unit in derivatives.items() if name not in data]
-    model = _model(replace(data, numbers=(*data.numbers, *absent)), equations, constants, derivatives, noise)
+    inside = {name: unit for name, unit in derivatives.items() if name in equations.parameter_names}
+    absent = [Number(name, 0.0, unit, note="left out") for name, unit in inside.items() if name not in data]
+    model = _model(replace(data, numbers=(*data.numbers, *absent)), equations, constants, inside, noise)
     values = data.values
+    if isinstance(equations, Multirotor):
+        model = _with_motors(data, model)
     if "cross_inertia" in values and values["cross_inertia"] ** 2 >= values["roll_inertia"] * values["yaw_inertia"]:
         what = f"{values['cross_inertia']:g} kg m2 is too large"
         raise DeclarationError(what, where=f"vehicle {data.name}, cross_inertia", remedy="its square is below roll_inertia yaw_inertia")
     return model.with_parameters(model.parameters.hold([number.name for number in absent]))
+
+
+def _with_motors(data: VehicleData, model: Model) -> Model:
+    """The model with what a set gives of the path from commands to motors."""
+    given = {name: _checked(data, name, "s") for name in (LAG, DELAY) if name in data}
+    model = model.with_effects(*motor_path(lag=LAG in given, delay=DELAY in given))
+    items = (replace(item, value=given[item.name].value, source=given[item.name].source) if item.name in given else item for item in model.parameters)
+    return model.with_parameters(ParameterSet(tuple(items)))
 
 
 def loes_filter_model(model: Model) -> Model:
@@ -210,7 +224,7 @@ def _checked(data: VehicleData, name: str, unit: str) -> Number:
     if number.unit != unit:
         raise DeclarationError(f"unit {number.unit!r}", where=where, remedy=f"give the value in {unit}")
     stem = re.sub(r"\d+$", "", name)
-    if name in ("inv_tau", "delay") and number.value < 0:
+    if name in ("inv_tau", DELAY, LAG) and number.value < 0:
         raise DeclarationError(f"{number.value:g} {unit} is negative", where=where, remedy="give zero or a positive number")
     positive = stem in {*ABOVE_ZERO, *BALLISTIC_CONSTANTS, *BALLISTIC_DERIVATIVES, *MODE_CONSTANTS}
     if positive and not (number.value > 0 or (stem in _NOT_ABOVE_ZERO and number.value == 0)):

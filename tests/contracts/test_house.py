@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("sim", "ident", "scenarios", "flightid")
+ROOMS = ("sim", "ident", "scenarios", "flightid", "exam")
 LONGEST_FILE, MOST_LINES = 600, 80  # lines of a file and of a function
 SMALL = 5  # files of a folder that needs no README
 # Functions that may be longer; one that has become short must leave this list.
@@ -168,9 +168,9 @@ DOCUMENTS = sorted(
 )
 FENCED = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 QUOTED = re.compile(r"`([^`\n]+)`|\]\(([^)#\s]+)")
-A_PATH = re.compile(r"(?:sim|ident|scenarios|flightid(?!/[\w-]+/\d)|tests|docs|labs|benchmarks)/[\w./*-]*")  # flightid/record/1 is a schema
+A_PATH = re.compile(r"(?:sim|ident|scenarios|flightid(?!/[\w-]+/\d)|exam|tests|docs|labs|benchmarks)/[\w./*-]*")  # flightid/record/1 is a schema
 A_FILE = re.compile(r"[\w/]+\.py")
-A_MODULE = re.compile(r"(?:sim|ident|scenarios|flightid|tests)(?:\.\w+)+")
+A_MODULE = re.compile(r"(?:sim|ident|scenarios|flightid|exam|tests)(?:\.\w+)+")
 
 
 def mentioned(text: str) -> Iterator[str]:

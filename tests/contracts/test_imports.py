@@ -121,7 +121,7 @@ def test_contract_of_ident_names_every_concrete_module() -> None:
     assert {*blind["forbidden_modules"]} == expected, f"set forbidden_modules in pyproject.toml to {sorted(expected)}"
 
 
-@pytest.mark.parametrize("room", ["sim", "ident", "scenarios", "flightid"])
+@pytest.mark.parametrize("room", ["sim", "ident", "scenarios", "flightid", "exam"])
 def test_every_folder_with_modules_is_a_package(room: str) -> None:
     # The import contracts do not look into a folder without __init__.py.
     folders = {path.parent for path in (ROOT / room).rglob("*.py")}

@@ -11,7 +11,7 @@ import pytest
 from tests.mutation.run import ROOT, Mutant, Result, mutated, run
 from tests.mutation.table import MUTANTS
 
-ROOMS = ("sim", "ident", "scenarios", "flightid")
+ROOMS = ("sim", "ident", "scenarios", "flightid", "exam")
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=str)

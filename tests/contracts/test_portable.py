@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("sim", "ident", "scenarios", "flightid")
+ROOMS = ("sim", "ident", "scenarios", "flightid", "exam")
 
 # Modules and attributes that Windows has not, and the files that ask first whether the system has them.
 ABSENT_MODULES = {"fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "syslog", "select"}

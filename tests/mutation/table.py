@@ -17,7 +17,7 @@ DELAYS = ("tests/unit/ident/banks/test_delay_bank.py",)
 FREQUENCY_FIT = ("tests/unit/ident/frequency_domain/test_fit.py",)
 SETTING = ("tests/unit/scenarios/maneuver_design/test_setting.py",)
 MACHINE = ("tests/unit/scenarios/trials/jsbsim/test_machine.py",)
-TERMS = ("tests/unit/scenarios/trials/hidden/test_terms.py",)
+TERMS = ("tests/unit/exam/hidden_terms/test_terms.py",)
 
 
 def changes(file: str, tests: tuple[str, ...], *pairs: tuple[str, str]) -> tuple[Mutant, ...]:
@@ -136,7 +136,7 @@ ONCE_UNNOTICED = (
         ("POUND, INERTIA = SLUG * FOOT,", "POUND, INERTIA = SLUG / FOOT,"),
     ),
     *changes(
-        "scenarios/trials/hidden/foreign/density_layer.py",
+        "exam/hidden_terms/density_layer.py",
         TERMS,
         ("p.size * exp(-off * off)", "p.size * exp(-off)"),
         ("p.size * exp(-off * off)", "p.size * exp(off * off)"),
@@ -154,6 +154,23 @@ SIM = (
         "sim/vehicles/lateral.py",
         ("tests/unit/sim/vehicles/test_textbook_modes.py",),
         ("s.p * sin(p.trim_alpha) - s.r", "s.p * sin(p.trim_alpha) + s.r"),
+    ),
+    *changes(
+        "sim/vehicles/multirotor.py",
+        ("tests/unit/sim/vehicles/test_multirotor.py",),
+        ("p.M_pr * s.p * s.r", "p.M_pr * s.p * s.q"),
+        ("p.Z_0 + p.Z_col * s.thrust_command", "p.Z_0 - p.Z_col * s.thrust_command"),
+        ('ActuatorLag(name, "1", name, LAG) for name in COMMANDS)', 'ActuatorLag(name, "1", name, LAG) for name in COMMANDS[:3])'),
+    ),
+    *changes(
+        "sim/declaration/model.py",
+        ("tests/unit/sim/vehicles/test_multirotor.py",),
+        ("for item in gone[0].parameters} - shared", "for item in gone[0].parameters}"),
+    ),
+    *changes(
+        "scenarios/preparation/reading.py",
+        ("tests/integration/commands/test_quadrotor_logs.py",),
+        ("in record.input_names and not np.any(", "in record.input_names and np.any("),
     ),
     *changes(
         "sim/vehicles/longitudinal.py",
@@ -322,8 +339,34 @@ IDENT = (
         ("/ gravity * q / alpha", "/ G0 * q / alpha"),
     ),
     *changes(
-        "ident/flying_qualities/frequency_response.py",
-        ("tests/unit/ident/flying_qualities/test_frequency_response.py",),
+        "ident/frequency_response/segments.py",
+        ("tests/unit/ident/frequency_response/test_estimate.py",),
+        ("0.5 * middle - 0.25 * (below + above)", "0.5 * middle + 0.25 * (below + above)"),
+        ("(math.pi / length) ** 2 * (below + above)", "(math.pi / length) ** 2 * (below - above)"),
+    ),
+    *changes(
+        "ident/frequency_response/regression.py",
+        ("tests/unit/ident/frequency_response/test_estimate.py",),
+        ("lowered = 2.0 * crossed -", "lowered = crossed -"),
+        ("0.5 * spectrum[:, None, None]", "spectrum[:, None, None]"),
+        ("1.0 - 1.0 / np.maximum(last, 1.0)", "1.0 / np.maximum(last, 1.0)"),
+    ),
+    *changes(
+        "ident/frequency_response/transfer_function.py",
+        ("tests/unit/ident/frequency_response/test_transfer_function.py",),
+        ("(1.58 * (1.0 - np.exp(-coherence))) ** 2", "1.58 * (1.0 - np.exp(-coherence))"),
+        ("(transform / 0.375) ** 2", "transform / 0.375"),
+    ),
+    *changes(
+        "ident/flying_qualities/bandwidth.py",
+        ("tests/unit/ident/flying_qualities/test_bandwidth.py",),
+        ("NEUTRAL + MARGIN", "NEUTRAL + 2.0 * MARGIN"),
+        ("half = 0.5 * math.pi / 180.0", "half = math.pi / 180.0"),
+        ("- p[DELAY]", "+ p[DELAY]"),
+    ),
+    *changes(
+        "ident/frequency_response/multitaper.py",
+        ("tests/unit/ident/frequency_response/test_multitaper.py",),
         ("np.abs(between) ** 2", "np.abs(between)"),
     ),
     *changes(
@@ -595,21 +638,21 @@ SCENARIOS = (
         ("1.0 - (self.scatter / self.stated) ** 2", "1.0 - self.scatter / self.stated"),
     ),
     *changes(
-        "scenarios/trials/hidden/recorder/columns.py",
-        ("tests/unit/scenarios/trials/hidden/test_recorder.py",),
+        "exam/recorder_faults/columns.py",
+        ("tests/unit/exam/recorder_faults/test_recorder.py",),
         (
             'record.time < values["begin"] + values["length"]',
             'record.time <= values["begin"] + values["length"]',
         ),
     ),
     *changes(
-        "scenarios/trials/hidden/recorder/readings.py",
-        ("tests/unit/scenarios/trials/hidden/test_recorder.py",),
+        "exam/recorder_faults/readings.py",
+        ("tests/unit/exam/recorder_faults/test_recorder.py",),
         ("np.clip(column, low + edge, high - edge)", "np.clip(column, low, high - edge)"),
     ),
     *changes(
-        "scenarios/trials/coverage/page.py",
-        ("tests/unit/scenarios/trials/test_coverage_page.py",),
+        "exam/coverage/page.py",
+        ("tests/unit/exam/test_coverage_page.py",),
         ("factor > 1.0 else", "factor < 1.0 else"),
     ),
     *changes(
@@ -626,6 +669,39 @@ SCENARIOS = (
         "scenarios/api/shown/parameters.py",
         ("tests/unit/scenarios/api/test_results.py",),
         ("self.value - 2.0 * self.sigma", "self.value - self.sigma"),
+    ),
+)
+
+# Records from the files of recorders.
+RECORDS = (
+    *changes(
+        "scenarios/preparation/gaps.py",
+        ("tests/unit/scenarios/preparation/test_gaps.py",),
+        ('side="right") - 1, 0, None)', 'side="left") - 1, 0, None)'),
+        ("np.where(known, all_parts[:, before], all_parts.mean", "np.where(~known, all_parts[:, before], all_parts.mean"),
+        ("np.concatenate(values)[before], np.nan)", "np.concatenate(values)[before], 0.0)"),
+    ),
+    *changes(
+        "scenarios/files/formats/ardupilot.py",
+        ("tests/unit/scenarios/files/test_forms.py",),
+        ('float(f"{float(cells[2]):.7g}")', "1.0"),
+        ('if len(cells := rest.split(",")) == len(layout.columns)', 'if len(cells := rest.split(",")) >= 0'),
+    ),
+    *changes(
+        "scenarios/watching/rows.py",
+        ("tests/integration/commands/test_reading_options.py",),
+        ("- header.first) / header.rate", "- header.first) * header.rate"),
+        ("if choice.delay:", "if choice.hold:"),
+    ),
+    *changes(
+        "scenarios/identification/sigma_cautions.py",
+        ("tests/unit/scenarios/identification/test_sigma_cautions.py",),
+        ("return tuple(dict.fromkeys(failed))", "return tuple(failed)"),
+    ),
+    *changes(
+        "scenarios/files/formats/text.py",
+        ("tests/integration/commands/test_recorders.py",),
+        ('if text.endswith(("\\n", "\\r")) or last < 1', "if last < 1"),
     ),
 )
 
@@ -652,4 +728,4 @@ FLIGHTID = (
     ),
 )
 
-MUTANTS = (*ONCE_UNNOTICED, *SIM, *IDENT, *SCENARIOS, *FLIGHTID)
+MUTANTS = (*ONCE_UNNOTICED, *SIM, *IDENT, *SCENARIOS, *RECORDS, *FLIGHTID)

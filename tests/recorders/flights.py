@@ -5,12 +5,13 @@ The flight is integrated here, apart from the project's own equations, so that w
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from tests.recorders.forms import DEGREE
-from tests.recorders.logs import write_dataflash, write_ulog
+from tests.recorders.logs import write_dataflash, write_dataflash_text, write_ulog
 
 TRUTH = {"CL_alpha": 4.8, "CL_q": 7.0, "CL_de": 0.3, "Cm_alpha": -0.9, "Cm_q": -14.0, "Cm_de": -1.1}
 MASS, AREA, CHORD, INERTIA, SPEED, DENSITY = 3.2, 0.62, 0.3, 0.18, 18.0, 1.2
@@ -33,26 +34,50 @@ Cm_de = -0.9
 RATE, STEPS, DURATION = 100.0, 10, 20.0
 
 
-def flight(delay: float = 0.0, seed: int = 7) -> dict[str, np.ndarray]:
-    """Time, s, elevator, alpha, q in radians at 100 Hz, with noise; the surface follows the recorded elevator ``delay`` s late."""
+def steps(t: np.ndarray | float) -> np.ndarray:
+    """An elevator of two 3-2-1-1, rad."""
+    at = np.asarray(t)
+    two = np.where(at < 10.0, at, at - 10.0)
+    size = np.where(at < 10.0, 0.05, -0.04)
+    return size * np.select([(two >= 1) & (two < 1.6), (two >= 1.6) & (two < 2.0), (two >= 2.0) & (two < 2.2), (two >= 2.2) & (two < 2.4)],
+                            [1.0, -1.0, 1.0, -1.0], 0.0)  # fmt: skip
+
+
+def sweep(t: np.ndarray | float) -> np.ndarray:
+    """An elevator at rest, then two sweeps from 0.3 to 3 Hz of other sizes, rad."""
+    at = np.asarray(t)
+    two = np.where(at < 10.0, at, at - 10.0) - 1.0
+    phase = 2.0 * np.pi * 0.3 * 8.0 / np.log(10.0) * (10.0 ** (two / 8.0) - 1.0)
+    return np.where((two >= 0.0) & (two <= 8.0), np.where(at < 10.0, 0.03, -0.02) * np.sin(phase), 0.0)
+
+
+def flight(
+    delay: float = 0.0,
+    seed: int = 7,
+    elevator: Callable[[np.ndarray | float], np.ndarray] = steps,
+    swing: float = 0.0,
+) -> dict[str, np.ndarray]:
+    """Time, s, elevator, alpha, q in radians at 100 Hz, with noise.
+
+    The surface follows the recorded elevator ``delay`` s late. With a ``swing`` the airspeed swings
+    by so many m/s about its mean, with a period of 12 s, and is recorded, too.
+    """
     rng = np.random.default_rng(seed)
     count = int(DURATION * RATE)
     time = np.arange(count) / RATE
 
-    def elevator(t: np.ndarray | float) -> np.ndarray:
-        at = np.asarray(t)
-        two = np.where(at < 10.0, at, at - 10.0)
-        size = np.where(at < 10.0, 0.05, -0.04)
-        return size * np.select([(two >= 1) & (two < 1.6), (two >= 1.6) & (two < 2.0), (two >= 2.0) & (two < 2.2), (two >= 2.2) & (two < 2.4)],
-                                [1.0, -1.0, 1.0, -1.0], 0.0)  # fmt: skip
-
-    q_bar_s = 0.5 * DENSITY * SPEED**2 * AREA
+    def speed_at(t: np.ndarray | float) -> np.ndarray:
+        return np.asarray(SPEED + swing * np.sin(2.0 * np.pi * np.asarray(t) / 12.0))
 
     def rates(t: float, x: np.ndarray) -> np.ndarray:
-        q_hat, de = x[1] * CHORD / (2 * SPEED), float(elevator(t - delay))
+        speed = float(speed_at(t))
+        q_bar_s = 0.5 * DENSITY * speed**2 * AREA
+        q_hat, de = x[1] * CHORD / (2 * speed), float(elevator(t - delay))
         lift = TRUTH["CL_alpha"] * x[0] + TRUTH["CL_q"] * q_hat + TRUTH["CL_de"] * de
         moment = TRUTH["Cm_alpha"] * x[0] + TRUTH["Cm_q"] * q_hat + TRUTH["Cm_de"] * de
-        return np.array([x[1] - q_bar_s * lift / (MASS * SPEED), q_bar_s * CHORD * moment / INERTIA])
+        # The lift that carries the weight grows with the dynamic pressure, the weight does not.
+        excess = 9.80665 * (speed**2 / SPEED**2 - 1.0)
+        return np.array([x[1] - q_bar_s * lift / (MASS * speed) - excess / speed, q_bar_s * CHORD * moment / INERTIA])
 
     x, h = np.zeros(2), 1.0 / RATE / STEPS
     states = np.zeros((count, 2))
@@ -67,14 +92,17 @@ def flight(delay: float = 0.0, seed: int = 7) -> dict[str, np.ndarray]:
             x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     alpha = states[:, 0] + 0.15 * DEGREE * rng.standard_normal(count)
     q = states[:, 1] + 0.3 * DEGREE * rng.standard_normal(count)
-    return {"time": time, "elevator": elevator(time + 1e-12), "alpha": alpha, "q": q}
+    columns = {"time": time, "elevator": elevator(time + 1e-12), "alpha": alpha, "q": q}
+    return columns | ({"airspeed": speed_at(time)} if swing else {})
 
 
 def write_all(folder: Path) -> None:
-    """The flight as ``uav.ulg``, ``uav.bin``, ``uav.xlsx``, ``uav.mf4``, ``uav.tdms``, ``uav.h5``, ``uav.mat``, ``uav.txt`` and ``uav.csv``."""
+    """The flight as ``uav.`` and ``ulg``, ``bin``, ``log``, ``xlsx``, ``mf4``, ``tdms``, ``h5``,
+    ``mat``, ``txt`` and ``csv``."""
     columns = flight()
     px4(folder / "uav.ulg", columns)
     ardupilot(folder / "uav.bin", columns)
+    ardupilot(folder / "uav.log", columns)
     _tables(folder, columns)
 
 
@@ -86,7 +114,10 @@ def px4(path: Path, columns: dict[str, np.ndarray], every: int = 1) -> Path:
     zero = 0.0 * stamps
     topics = {
         "vehicle_angular_velocity": {"timestamp": stamps, "xyz[0]": zero, "xyz[1]": columns["q"], "xyz[2]": zero},
-        "airspeed_validated": {"timestamp": stamps[slow], "true_airspeed_m_s": SPEED + zero[slow]},
+        "airspeed_validated": {
+            "timestamp": stamps[slow],
+            "true_airspeed_m_s": columns.get("airspeed", SPEED + zero)[slow],
+        },
         "vane": {"timestamp": stamps[slow], "angle_of_attack": columns["alpha"][slow]},
         "actuator_servos": {"timestamp": stamps[slow], "control[0]": half + 0.05, "control[1]": half - 0.05},
     }
@@ -94,7 +125,8 @@ def px4(path: Path, columns: dict[str, np.ndarray], every: int = 1) -> Path:
 
 
 def ardupilot(path: Path, columns: dict[str, np.ndarray]) -> Path:
-    """A DataFlash log: two IMUs, angle of attack in degrees, servo pulses of two elevons of which the left one is reversed."""
+    """A DataFlash log, a text one by the suffix ``.log``: two IMUs, angle of attack in degrees,
+    servo pulses of elevons, the left one reversed."""
     stamps = np.round(1e6 * (12.0 + columns["time"]))
     angle = columns["elevator"] / DEGREE
     both = np.repeat(stamps, 2)
@@ -103,7 +135,11 @@ def ardupilot(path: Path, columns: dict[str, np.ndarray]) -> Path:
         "AOA": {"TimeUS": stamps, "AOA": columns["alpha"] / DEGREE},
         "RCOU": {"TimeUS": stamps, "C1": 1500.0 - 10.0 * angle, "C2": 1510.0 + 10.0 * angle},
     }
-    return write_dataflash(path, messages, {"IMU": "s#E", "AOA": "sd"})
+    units = {"IMU": "s#E", "AOA": "sd"}
+    if "airspeed" in columns:
+        messages["ARSP"], units["ARSP"] = {"TimeUS": stamps, "Airspeed": columns["airspeed"]}, "sn"
+    write = write_dataflash_text if path.suffix == ".log" else write_dataflash
+    return write(path, messages, units)
 
 
 def _tables(folder: Path, columns: dict[str, np.ndarray]) -> None:

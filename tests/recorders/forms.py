@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import bz2
+import datetime
+import gzip
+import io
+import lzma
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.channels import ColumnChoice
-from tests.recorders.logs import write_dataflash, write_ulog
+from tests.recorders.logs import write_dataflash, write_dataflash_text, write_ulog
 
 DEGREE = np.pi / 180.0
 NAMES = ("time", "elevator", "alpha", "q")
@@ -80,6 +86,57 @@ def _unit_row(folder: Path, columns: Columns) -> Path:
     return path
 
 
+def _lines(change: Callable[[list[str]], list[str]], mark: str = ",") -> Callable[[Path, Columns], Path]:
+    """The record as text whose lines, the header first, are changed."""
+
+    def write(folder: Path, columns: Columns) -> Path:
+        path = folder / "record.csv"
+        path.write_text("\n".join(change(_rows(columns, mark).splitlines())) + "\n", encoding="utf-8")
+        return path
+
+    return write
+
+
+def _rows_with(change: Callable[[str], str]) -> Callable[[list[str]], list[str]]:
+    return lambda lines: [lines[0], *map(change, lines[1:])]
+
+
+def _packed(suffix: str, pack: Callable[[bytes], bytes]) -> Callable[[Path, Columns], Path]:
+    def write(folder: Path, columns: Columns) -> Path:
+        path = folder / f"record.csv{suffix}"
+        path.write_bytes(pack(_rows(columns, ",").encode()))
+        return path
+
+    return write
+
+
+def _zip(content: bytes) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("flight/record.csv", content)
+    return packed.getvalue()
+
+
+def _day(time: float) -> datetime.datetime:
+    """Of a flight that begins four seconds before midnight."""
+    return datetime.datetime(2025, 2, 28, 23, 59, 56) + datetime.timedelta(microseconds=round(1e6 * time))
+
+
+def _date_index(method: str, suffix: str) -> Callable[[Path, Columns], Path]:
+    """A DataFrame whose index of dates has no name."""
+
+    def write(folder: Path, columns: Columns) -> Path:
+        import pandas
+
+        path = folder / f"record{suffix}"
+        frame = pandas.DataFrame(columns).drop(columns="time")
+        frame.index = pandas.DatetimeIndex([_day(float(time)) for time in columns["time"]])
+        getattr(frame, method)(path)
+        return path
+
+    return write
+
+
 def _no_time(folder: Path, columns: Columns) -> Path:
     return _text(",", names=NAMES[1:])(folder, {name: columns[name] for name in NAMES[1:]})
 
@@ -116,6 +173,72 @@ def _mat(content: Callable[[Columns], dict[str, Any]]) -> Callable[[Path, Column
         return path
 
     return write
+
+
+def _saved(name: str, save: Callable[[Path, Columns], None]) -> Callable[[Path, Columns], Path]:
+    def write(folder: Path, columns: Columns) -> Path:
+        save(folder / name, columns)
+        return folder / name
+
+    return write
+
+
+def _cells(*items: Any) -> np.ndarray:
+    """A MATLAB cell array: NumPy makes one matrix of vectors of one length unless each is put in."""
+    cells = np.empty(len(items), dtype=object)
+    for at, item in enumerate(items):
+        cells[at] = item
+    return cells
+
+
+def _simulink(columns: Columns) -> dict[str, Any]:
+    """A structure with time, as a To Workspace block saves it."""
+    signals = [(columns[name].reshape(-1, 1), name) for name in NAMES[1:]]
+    return {"out": {"time": columns["time"], "signals": np.array(signals, dtype=[("values", object), ("label", object)])}}
+
+
+def _group_a_signal(path: Path, columns: Columns) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name in NAMES[1:]:
+            file[f"{name}/time"], file[f"{name}/data"] = columns["time"], columns[name]
+
+
+def _clock_above(path: Path, columns: Columns) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file["time"] = columns["time"]
+        for name in NAMES[1:]:
+            file[f"signals/{name}"] = columns[name]
+
+
+def _named_by_attribute(path: Path, columns: Columns) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file.create_dataset("data", data=_matrix(columns)).attrs["columns"] = list(NAMES)
+
+
+def _mat73_cells(folder: Path, columns: Columns) -> Path:
+    import h5py
+
+    path = folder / "record.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        store = file.create_group("#refs#")
+        vectors = [store.create_dataset(f"v{name}", data=columns[name].reshape(1, -1)).ref for name in NAMES]
+        texts = []
+        for name in NAMES:
+            text = store.create_dataset(f"n{name}", data=np.array([[ord(letter)] for letter in name], dtype="u2"))
+            text.attrs["MATLAB_class"] = np.bytes_(b"char")
+            texts.append(text.ref)
+        for key, references in (("data", vectors), ("names", texts)):
+            cells = file.create_dataset(key, data=np.array(references, dtype=h5py.ref_dtype).reshape(-1, 1))
+            cells.attrs["MATLAB_class"] = np.bytes_(b"cell")
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM")
+    return path
 
 
 def _mat73(folder: Path, columns: Columns) -> Path:
@@ -163,15 +286,26 @@ def _ulog(folder: Path, columns: Columns) -> Path:
     return write_ulog(folder / "record.ulg", topics)
 
 
-def _dataflash(folder: Path, columns: Columns) -> Path:
+def dataflash_messages(columns: Columns) -> dict[str, Columns]:
+    """The record as messages of an ArduPilot log; the second gyro rests."""
     stamps = np.round(1e6 * columns["time"])
     two = np.repeat(stamps, 2)
-    messages = {
+    return {
         "IMU": {"TimeUS": two, "I": np.tile([0.0, 1.0], stamps.size), "GyrY": np.column_stack([columns["q"], 0 * stamps]).ravel()},
         "AOA": {"TimeUS": stamps, "AOA": columns["alpha"] / DEGREE},
         "RCOU": {"TimeUS": stamps, "C2": 1500.0 + 500.0 * columns["elevator"]},
     }
-    return write_dataflash(folder / "record.bin", messages, {"IMU": "s#E", "AOA": "sd"})
+
+
+DATAFLASH_UNITS = {"IMU": "s#E", "AOA": "sd"}
+
+
+def _dataflash(folder: Path, columns: Columns) -> Path:
+    return write_dataflash(folder / "record.bin", dataflash_messages(columns), DATAFLASH_UNITS)
+
+
+def _dataflash_text(folder: Path, columns: Columns) -> Path:
+    return write_dataflash_text(folder / "record.log", dataflash_messages(columns), DATAFLASH_UNITS)
 
 
 def _shuffled(order: Callable[[int], list[int]]) -> Callable[[Path, Columns], Path]:
@@ -192,6 +326,7 @@ def _matrix(columns: Columns) -> np.ndarray:
     return np.column_stack([columns[name] for name in NAMES])
 
 
+TOPICS = {name: ColumnChoice(f"{name}.{name}") for name in NAMES[1:]}
 PWM = {"elevator": ColumnChoice("pwm(C2, 1500, 500)")}
 FORMS: dict[str, Form] = {
     "comma": Form(_text(",")),
@@ -213,6 +348,38 @@ FORMS: dict[str, Form] = {
     "iso": Form(_stamps(lambda time: f"2025-03-01T12:00:{time:09.6f}Z"), tolerance=1e-9),
     "hh:mm:ss": Form(_stamps(lambda time: f"12:00:{time:06.3f}"), tolerance=1e-9),
     "irig": Form(_stamps(lambda time: f"060:23:59:{52 + time:06.3f}" if time < 8 else ""), tolerance=1e-9),
+    "month first": Form(_stamps(lambda time: f"{_day(time):%m/%d/%Y %I:%M:%S.%f %p}"), tolerance=1e-9),
+    "day first": Form(_stamps(lambda time: f"{_day(time):%d.%m.%Y %H:%M:%S.%f}"), tolerance=1e-9),
+    "minutes and seconds": Form(_stamps(lambda time: f"{_day(time):%M:%S.%f}"), tolerance=1e-9),
+    "durations": Form(_stamps(lambda time: f"0 days 00:00:{time:09.6f}"), tolerance=1e-9),
+    "days of a calendar": Form(_stamps(lambda time: f"{45717.9 + time / 86400:.12f}"), tolerance=1e-5),
+    "milliseconds since 1970": Form(_stamps(lambda time: str(1_740_873_590_000 + round(1e3 * time)))),
+    "whole seconds": Form(_stamps(lambda time: str(int(time + 1e-9)))),
+    "seconds of the day": Form(_stamps(lambda time: f"{(86396 + time) % 86400:.3f}"), tolerance=1e-9),
+    "index of dates": Form(_date_index("to_csv", ".csv"), tolerance=1e-9),
+    "parquet, index of dates": Form(_date_index("to_parquet", ".parquet"), tolerance=1e-9),
+    "header in a comment": Form(_lines(lambda lines: ["# two flights", "# " + lines[0], *lines[1:]])),
+    "header in a comment, blanks": Form(_lines(lambda lines: ["% " + lines[0], *lines[1:]], " ")),
+    "row of groups": Form(_lines(lambda lines: ["Clock,Controls,Air data,Inertial", lines[0], "s,rad,rad,rad/s", *lines[1:]])),
+    "row of long names": Form(_lines(lambda lines: [lines[0], "Time of day,Stick,Vane,Gyro", "[s],[rad],[rad],[rad/s]", *lines[1:]])),
+    "units above names": Form(_lines(lambda lines: ["s,rad,rad,rad/s", *lines])),
+    "header again": Form(_lines(lambda lines: [*lines[:200], lines[0], *lines[200:]])),
+    "elements of an array": Form(
+        _lines(lambda lines: ["timestamp,control[0],control[1],xyz[1],xyz[2]", *(f"{line},0" for line in lines[1:])]),
+        {"elevator": ColumnChoice("control[0]"), "alpha": ColumnChoice("control[1]"), "q": ColumnChoice("xyz[1]")},
+    ),
+    "titles of two cells": Form(_lines(lambda lines: ["Flight,12", "Pilot,Meyer", "", *lines])),
+    "comments between rows": Form(_lines(lambda lines: [*lines[:100], "# second maneuver", *lines[100:]])),
+    "separator at the end of rows": Form(_lines(_rows_with(lambda line: f"{line},"))),
+    "numbers of the rows": Form(_lines(lambda lines: [lines[0], *(f'"{n + 1}",{line}' for n, line in enumerate(lines[1:]))])),
+    "sums below": Form(_lines(lambda lines: [*lines, "", "Mean,0.1,0.2,0.3", "Max,1,2,3"])),
+    "remark below": Form(_lines(lambda lines: [*lines, "End of data"])),
+    "minus signs of a word processor": Form(_lines(_rows_with(lambda line: line.replace("-", "\N{MINUS SIGN}")))),
+    "exponents of Fortran": Form(_lines(_rows_with(lambda line: " ".join(f"{float(cell):.12E}".replace("E", "D") for cell in line.split())), " ")),
+    "gzip": Form(_packed(".gz", gzip.compress)),
+    "bzip2": Form(_packed(".bz2", bz2.compress)),
+    "xz": Form(_packed(".xz", lzma.compress)),
+    "zip": Form(_packed(".zip", _zip)),
     "repeats": Form(_shuffled(lambda count: [*range(200), 199, *range(200, count)])),
     "unsorted": Form(_shuffled(_exchanged)),
     "parquet": Form(_frame("to_parquet", ".parquet")),
@@ -230,6 +397,19 @@ FORMS: dict[str, Form] = {
         {"elevator": ColumnChoice("u"), "alpha": ColumnChoice("y1"), "q": ColumnChoice("y2")},
     ),
     "mat 7.3": Form(_mat73),
+    "mat cells of vectors": Form(_mat(lambda columns: {"data": _cells(*(columns[name] for name in NAMES)), "names": _cells(*NAMES)})),
+    "mat cells of rows": Form(_mat(lambda columns: {"C": np.array([list(NAMES), *_matrix(columns).tolist()], dtype=object)})),
+    "mat struct a sample": Form(
+        _mat(lambda columns: {"s": np.array([tuple(row) for row in _matrix(columns)], dtype=[(name, object) for name in NAMES])})
+    ),
+    "mat struct a signal": Form(_mat(lambda columns: {name: {"Time": columns["time"], "Data": columns[name]} for name in NAMES[1:]}), TOPICS),
+    "simulink": Form(_mat(_simulink)),
+    "mat 7.3 cells": Form(_mat73_cells),
+    "hdf5 group a signal": Form(_saved("record.h5", _group_a_signal), TOPICS),
+    "hdf5 clock above": Form(_saved("record.h5", _clock_above), {name: ColumnChoice(f"signals.{name}") for name in NAMES[1:]}),
+    "hdf5 named by attribute": Form(_saved("record.h5", _named_by_attribute)),
+    "npz": Form(_saved("record.npz", lambda path, columns: np.savez(path, allow_pickle=False, **columns))),
+    "npy": Form(_saved("record.npy", lambda path, columns: np.save(path, _matrix(columns))), MAPPED),
     "mdf": Form(_mdf),
     "tdms": Form(_tdms),
     "ulog": Form(
@@ -237,4 +417,5 @@ FORMS: dict[str, Form] = {
                 "q": ColumnChoice("vehicle_angular_velocity.xyz[1]")},
     ),
     "dataflash": Form(_dataflash, {**PWM, "alpha": ColumnChoice("AOA.AOA"), "q": ColumnChoice("IMU[0].GyrY")}),
+    "dataflash text": Form(_dataflash_text, {**PWM, "alpha": ColumnChoice("AOA.AOA"), "q": ColumnChoice("IMU[0].GyrY")}),
 }  # fmt: skip

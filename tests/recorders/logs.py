@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 Topics = Mapping[str, Mapping[str, np.ndarray]]
+UNIT_LETTERS = {"s": "s", "d": "deg", "k": "deg/s", "r": "rad", "E": "rad/s", "#": "instance", "o": "m/s/s", "m": "m", "n": "m/s"}
+FACTORS = {"B": 1e-2, "F": 1e-6}
 
 
 def write_ulog(path: Path, topics: Topics) -> Path:
@@ -48,8 +50,12 @@ def _fields(columns: Mapping[str, np.ndarray]) -> list[tuple[str, int]]:
     return list(found.items())
 
 
-def write_dataflash(path: Path, messages: Topics, units: Mapping[str, str] | None = None) -> Path:
-    """A DataFlash log: ``TimeUS`` as 64 bit integer, all other columns as doubles; ``units``: letter for each column of a message."""
+def write_dataflash(path: Path, messages: Topics, units: Mapping[str, str] | None = None, factors: Mapping[str, str] | None = None) -> Path:
+    """A DataFlash log: ``TimeUS`` as 64 bit integer, all other columns as doubles.
+
+    ``units``: letter for each column of a message. ``factors``: likewise of the multiplier of its
+    unit, ``-`` for none.
+    """
     out = bytearray()
 
     def head(kind: int) -> bytes:
@@ -68,10 +74,14 @@ def write_dataflash(path: Path, messages: Topics, units: Mapping[str, str] | Non
     if units:
         declare(100, 3 + 8 + 1 + 64, "UNIT", "QbZ", ["TimeUS", "Id", "Label"])
         declare(101, 3 + 8 + 1 + 16 + 16, "FMTU", "QBNN", ["TimeUS", "FmtType", "UnitIds", "MultIds"])
-        for letter, label in {"s": "s", "d": "deg", "k": "deg/s", "r": "rad", "E": "rad/s", "#": "instance", "o": "m/s/s"}.items():
+        for letter, label in UNIT_LETTERS.items():
             out.extend(head(100) + struct.pack("<Qb64s", 0, ord(letter), label.encode()))
+        if factors:
+            declare(102, 3 + 8 + 1 + 8, "MULT", "Qbd", ["TimeUS", "Id", "Mult"])
+            for letter, factor in FACTORS.items():
+                out.extend(head(102) + struct.pack("<Qbd", 0, ord(letter), factor))
         for name, letters in units.items():
-            out.extend(head(101) + struct.pack("<QB16s16s", 0, kinds[name], letters.encode(), ("F" + "-" * (len(letters) - 1)).encode()))
+            out.extend(head(101) + struct.pack("<QB16s16s", 0, kinds[name], letters.encode(), _multipliers(name, letters, factors).encode()))
     rows = []
     for name, columns in messages.items():
         form = "<" + "".join("Q" if column == "TimeUS" else "B" if column == "I" else "d" for column in columns)
@@ -81,4 +91,43 @@ def write_dataflash(path: Path, messages: Topics, units: Mapping[str, str] | Non
     for _, body in sorted(rows, key=lambda each: each[0]):
         out.extend(body)
     path.write_bytes(out)
+    return path
+
+
+def _multipliers(name: str, letters: str, factors: Mapping[str, str] | None) -> str:
+    return (factors or {}).get(name, "F" + "-" * (len(letters) - 1))
+
+
+def write_dataflash_text(
+    path: Path,
+    messages: Topics,
+    units: Mapping[str, str] | None = None,
+    factors: Mapping[str, str] | None = None,
+    *,
+    before: str = "",
+    mark: str = ", ",
+) -> Path:
+    """The log of ``write_dataflash`` as ground stations export it: one message a line; ``before``:
+    lines above, ``mark``: between cells."""
+    lines = [["FMT", "128", "89", "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"]]
+    for number, (name, columns) in enumerate(messages.items()):
+        form = "".join("Q" if column == "TimeUS" else "B" if column == "I" else "d" for column in columns)
+        size = 3 + sum({"Q": 8, "d": 8, "B": 1}[letter] for letter in form)
+        lines.append(["FMT", str(number + 1), str(size), name, form, ",".join(columns)])
+    if units:
+        lines += [["FMT", "100", "76", "UNIT", "QbZ", "TimeUS,Id,Label"], ["FMT", "101", "44", "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds"]]
+        lines += [["UNIT", "0", str(ord(letter)), label] for letter, label in UNIT_LETTERS.items()]
+        if factors:
+            lines.append(["FMT", "102", "20", "MULT", "Qbd", "TimeUS,Id,Mult"])
+            lines += [["MULT", "0", str(ord(letter)), repr(factor)] for letter, factor in FACTORS.items()]
+        kinds = {name: number + 1 for number, name in enumerate(messages)}
+        lines += [["FMTU", "0", str(kinds[name]), letters, _multipliers(name, letters, factors)] for name, letters in units.items()]
+    lines.append(["PARM", "0", "ARSPD_USE", "1"])
+    rows = []
+    for name, columns in messages.items():
+        for row, stamp in enumerate(columns["TimeUS"]):
+            values = [str(int(columns[each][row])) if each in ("TimeUS", "I") else repr(float(columns[each][row])) for each in columns]
+            rows.append((int(stamp), [name, *values]))
+    lines += [cells for _, cells in sorted(rows, key=lambda each: each[0])]
+    path.write_text(before + "\n".join(mark.join(cells) for cells in lines) + "\n", newline="\n")
     return path

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.trials.coverage.__main__ import PAGE
-from scenarios.trials.coverage.measured import measured
-from scenarios.trials.coverage.plan import RUNS
+from exam.coverage.every_scenario import PAGE
+from exam.coverage.measured import measured
+from exam.coverage.plan import RUNS
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.slow

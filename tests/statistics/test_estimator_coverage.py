@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from scenarios.trials.coverage.estimators import HIGH, LOW, run_of, statistics
+from exam.coverage.estimators import HIGH, LOW, run_of, statistics
 
 pytestmark = pytest.mark.slow
 RUNS = 60

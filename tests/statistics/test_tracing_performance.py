@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from exam.clean import MODELS, clean_flight
+from exam.detection import SETTINGS, WEAK, Finding, clean_run, weak_run, weak_setting
+from exam.random_cases.examination import examine
+from exam.random_cases.summary import summary
+from exam.scoring import share_within_flights
 from ident.statistics.shares import clopper_pearson
-from scenarios.trials.clean import MODELS, clean_flight
-from scenarios.trials.detection import SETTINGS, WEAK, Finding, clean_run, weak_run, weak_setting
-from scenarios.trials.papers.examination import examine
-from scenarios.trials.papers.summary import summary
-from scenarios.trials.scoring import share_within_flights
 
 RUNS = 200  # clean records over all settings
 CLEAN_RUNS = 70  # of seven models
 WEAK_RUNS = 12  # of each effect
-PAPERS = 200
+CASES = 200
 
 
 @pytest.mark.slow
@@ -48,15 +48,15 @@ def test_effects_of_gain_25_are_detected_and_named() -> None:
 
 
 @pytest.mark.slow
-def test_random_papers_are_marked_right() -> None:
+def test_random_cases_are_answered_right() -> None:
     """Models, vehicles, rates, channels, maneuvers, sizes, pairs, foreign causes and recorder faults at random.
 
     At least 95 % right, at most 1 % with a wrong name, and 94 to 97 % of derivatives within two sigmas: none of it is excluded at 95 %.
     """
-    found = summary([examine(seed) for seed in range(300, 300 + PAPERS)])
-    right, wrong = round(found["right"] * PAPERS), round(found["wrong claims"] * PAPERS)
-    assert clopper_pearson(right, PAPERS)[1] >= 0.95
-    assert clopper_pearson(wrong, PAPERS)[0] <= 0.01
+    found = summary([examine(seed) for seed in range(300, 300 + CASES)])
+    right, wrong = round(found["right"] * CASES), round(found["wrong claims"] * CASES)
+    assert clopper_pearson(right, CASES)[1] >= 0.95
+    assert clopper_pearson(wrong, CASES)[0] <= 0.01
     assert found["derivatives within two sigmas, upper 95 %"] >= 0.94
     assert found["derivatives within two sigmas, lower 95 %"] <= 0.97
     assert found["held-out error, median"] <= 1.05

@@ -9,7 +9,6 @@ from docs._ext.made.markdown import cell, fenced, paragraph, table
 KIND = {
     "identification": "Simulated, identified, compared",
     "trace": "Something hidden, to be traced",
-    "standin": "Stand-ins for measured flights",
     "x29": "Closed loop of the X-29",
     "jsbsim": "Flown by JSBSim",
 }

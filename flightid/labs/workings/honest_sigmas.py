@@ -58,9 +58,9 @@ def errors(found: Campaign) -> dict[str, np.ndarray]:
 @cache
 def bound() -> Mapping[str, float]:
     """Cramer-Rao bound of each derivative from the sensors' noise alone, by differences of whole noise-free flights: no estimator takes part."""
+    from scenarios.studies.campaign_statistics.bound import cramer_rao
     from scenarios.studies.catalogue import load_scenario
     from scenarios.studies.flying import maneuvers_by_input, true_model
-    from scenarios.trials.clean import cramer_rao
     from sim.declaration.model import Noise
     from sim.truth.flight import fly, sample_times
 

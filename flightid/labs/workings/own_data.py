@@ -30,6 +30,7 @@ VEHICLES = {
     "lateral": "navion_lateral",
     "flexible": "bomber_ac1",
     "ballistic": "ballistic_target",
+    "multirotor": "",
 }
 SHORT = ("flight.rate=20 Hz", "flight.train.duration=18 s", "flight.validate.duration=14 s")
 EXAMPLE = "trace-vane"  # of two records of a flight whose vane sits far ahead
@@ -53,6 +54,22 @@ M_q = -3.7
 inv_tau = 8.0
 delay = 0.08
 """
+MULTIROTOR = """name = "quadrotor"
+[derivatives]
+L_p = -1.0
+L_lat = 60.0
+L_0 = 0.0
+M_q = -1.0
+M_lon = 60.0
+M_0 = 0.0
+N_r = -0.5
+N_ped = 10.0
+N_0 = 0.0
+Z_col = -20.0
+Z_0 = 0.0
+motor_time_constant = 0.04
+delay = 0.01
+"""
 _SCRATCH = re.compile(rf"\S*/{PREFIX}[^/\s]+/")  # where uploaded files lie, which says nothing to who uploaded them
 
 
@@ -72,7 +89,8 @@ def vehicle_text(model: str) -> str:
 
     if model == "rigid":
         return _flown().vehicle_file
-    return flightid.vehicle(VEHICLES[model]).to_toml() if VEHICLES[model] else LOES
+    texts = {"loes": LOES, "multirotor": MULTIROTOR}
+    return texts[model] if model in texts else flightid.vehicle(VEHICLES[model]).to_toml()
 
 
 def kept(records: Sequence[tuple[str, bytes]], vehicle: str, channels: str = "") -> Kept:

@@ -12,11 +12,13 @@ from sim.record import Record
 
 
 def prediction(fit: Fit | None, record_number: int, record: Record, channels: Sequence[str]) -> np.ndarray:
-    """Free simulation at every row of a record, ``(m, N)``; the mean of the measurement where the fit failed."""
+    """Free simulation at every row of a record, ``(m, N)``; where the fit failed the mean of the
+    measurement, zero without one."""
     if fit is not None:
         rows = dict(zip(fit.layout.system.output_names, fit.lines[record_number].y, strict=True))
         return np.array([rows[name] for name in channels])
-    return np.array([np.full(len(record), float(record[name].values[record[name].valid].mean())) for name in channels])
+    means = [float(record[name].values[record[name].valid].mean()) if name in record.output_names else 0.0 for name in channels]
+    return np.array([np.full(len(record), mean) for mean in means])
 
 
 def error_figures(predictions: Sequence[np.ndarray], records: Sequence[Record], masks: Sequence[np.ndarray], channels: Sequence[str]) -> ErrorFigures:

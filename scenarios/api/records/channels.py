@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
+from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME, split_header
 from scenarios.files.declarations import closest
 from scenarios.files.formats.cells import numbers
 from scenarios.files.measured.columns import Column as Found
-from scenarios.files.measured.columns import split_header, suffix_unit
+from scenarios.files.measured.columns import suffix_unit
 from scenarios.files.measured.derived import clock_place
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.records import column_of, raw_column, read_record

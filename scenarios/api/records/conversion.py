@@ -12,8 +12,7 @@ import numpy as np
 
 from scenarios.api.recorded import Recorded
 from scenarios.api.records.in_memory import columns_of_frame, columns_of_record
-from scenarios.files.channel_names import TIME
-from scenarios.files.measured.columns import split_header
+from scenarios.files.channel_names import TIME, split_header
 from sim.errors import RecordError
 from sim.record import Record as SimRecord
 

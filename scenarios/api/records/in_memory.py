@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.files.channel_names import TIME
+from scenarios.files.channel_names import TIME, split_header
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.formats.cells import Table, header_cell
 from scenarios.files.formats.parquet import frame_header
-from scenarios.files.measured.columns import split_header
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.measured.sidecar import Sidecar
 from scenarios.files.records import window_of

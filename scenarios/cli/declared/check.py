@@ -10,6 +10,8 @@ from scenarios.cli.options import (
     From,
     Held,
     Lowpass,
+    ManeuverFile,
+    Maneuvers,
     NoFigures,
     Out,
     Quiet,
@@ -20,6 +22,7 @@ from scenarios.cli.options import (
     VehicleBeside,
 )
 from scenarios.plots.formats import formats_of
+from scenarios.preparation.maneuver_file import with_maneuvers
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
 
@@ -31,6 +34,8 @@ def check(
     columns: Columns = None,
     start: From = None,
     stop: To = None,
+    maneuver: Maneuvers = None,
+    maneuvers: ManeuverFile = None,
     hold: Held = None,
     rate: Rate = None,
     lowpass: Lowpass = None,
@@ -46,5 +51,6 @@ def check(
     from scenarios.commands.check import check_records
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
+    plan = with_maneuvers(plan, records, maneuver, maneuvers)
     with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["compatibility.json"]) as told:
         check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), told.out, told.figures)

@@ -7,13 +7,16 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import AsJson, Channels, Figures, NoFigures, Out, Quiet
+from scenarios.cli.options import AsJson, Channels, ClockRate, Columns, Figures, NoFigures, Out, Quiet
 from scenarios.plots.formats import formats_of
+from scenarios.preparation.plan import plan_of
 
 
 def maneuvers(
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="A recorded flight of any length.")],
     channels: Channels = None,
+    columns: Columns = None,
+    rate: ClockRate = None,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -24,6 +27,7 @@ def maneuvers(
     from scenarios.cli.telling import telling
     from scenarios.commands.maneuvers import search_record
 
+    plan = plan_of(rate=rate, columns=columns)
     with telling(
         out,
         formats_of(figures, no_figures),
@@ -31,4 +35,4 @@ def maneuvers(
         as_json=as_json,
         documents=["maneuvers.json"],
     ) as told:
-        search_record(record, channels, told.out, told.figures)
+        search_record(record, channels, plan, told.out, told.figures)

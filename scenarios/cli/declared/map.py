@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Columns, Rate
+from scenarios.cli.options import ClockRate, Columns
 
 
 def map_(
     record: Annotated[Path, typer.Argument(metavar="FILE", help="A recorder's file, in any format.")],
-    rate: Rate = None,
+    rate: ClockRate = None,
     columns: Columns = None,
     topics: Annotated[bool, typer.Option("--topics", help="Show every topic of a log.")] = False,
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write channels.toml and vehicle.toml into this folder.")] = None,

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from scenarios.cli.completion import of
-from scenarios.cli.options import AsJson, Channels, Out, Quiet
+from scenarios.cli.options import AsJson, Channels, Columns, Out, Quiet
+from scenarios.preparation.plan import plan_of
 
 
 def watch(
@@ -19,6 +20,8 @@ def watch(
         Path | None, typer.Option("--reference", metavar="STUDY", help="A study to compare with; without --vehicle the filter starts from it.")
     ] = None,
     channels: Channels = None,
+    columns: Columns = None,
+    rate: Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Of a stream without a clock: its rows a second.")] = None,
     out: Out = None,
     idle: Annotated[
         float | None, typer.Option("--idle", min=0.0, metavar="S", help="End after so many seconds without a row; a file: 5, a pipe: never.")
@@ -34,5 +37,6 @@ def watch(
     from scenarios.cli.telling import telling
     from scenarios.commands.watch import watch_stream
 
+    plan = plan_of(rate=rate, columns=columns)
     with telling(out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
-        watch_stream(record, model, vehicle, reference, channels, told.out, idle, until_end, refine, page, port)
+        watch_stream(record, model, vehicle, reference, channels, told.out, idle, until_end, refine, page, port, plan)

@@ -1,1 +1,1 @@
-"""Simulated flights whose records are files: tracing scenarios, stand-ins, own models, flights by JSBSim."""
+"""Simulated flights whose records are files: hidden-effect scenarios, own models, flights by JSBSim."""

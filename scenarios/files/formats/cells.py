@@ -11,7 +11,14 @@ import numpy as np
 
 from sim.errors import RecordError
 
-MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "null"})
+# What loggers, spreadsheets (their errors too) and languages write where a sample is missing.
+MISSING = frozenset({
+    "", "nan", "-nan", "na", "n/a", "n.a.", "null", "none", "nil", "nat", "<na>", "missing", "invalid", "-", "--", "---", "?", ".", "*", "**", "***",
+    "****", "*****", "******", "*******", "********", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind", "#n/a", "#na", "#value!",
+    "#div/0!", "#num!", "#ref!", "#null!", "#name?",
+})  # fmt: skip
+MINUS = "\N{MINUS SIGN}"  # as spreadsheets and word processors set it
+_FORTRAN = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))[dD]([+-]?\d{1,3})", re.ASCII)
 LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 _MARKED = re.compile(r"[+-]?(?=[.,]*\d)[\d.,]+([eE][+-]?\d+)?", re.ASCII)  # a number as somebody wrote it, with points and commas in it
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
@@ -86,8 +93,11 @@ def numbers(table: Table, index: int) -> Numbers:
 
 def plain_number(text: str, *, comma: bool = False) -> float:
     """A number of a file; ValueError for what Python alone would take for one (``1_000``, digits of other scripts) and for the other mark."""
+    text = text.replace(MINUS, "-")
     if "_" in text or not text.isascii() or (comma and "." in text):
         raise ValueError(text)
+    if (fortran := _FORTRAN.fullmatch(text)) is not None:
+        return float(f"{fortran[1]}e{fortran[2]}")
     return float(text.replace(",", ".")) if comma and text.count(",") == 1 else float(text)
 
 

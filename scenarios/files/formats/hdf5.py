@@ -16,6 +16,7 @@ SUFFIXES = (".h5", ".hdf5", ".hdf", ".he5", ".nc4")
 MAGIC = (b"\x89HDF\r\n\x1a\n",)
 EXTRA = "recorders"
 UNIT_ATTRIBUTES = ("units", "unit", "Unit", "Units", "UNIT", "UNITS")
+NAME_ATTRIBUTES = ("columns", "column_names", "names", "labels", "fields", "channels")  # of the columns of a matrix
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
@@ -62,6 +63,10 @@ def _variables(group: Any, file: Any, *, matlab: bool) -> dict[str, Any]:
             found[name] = _variables(item, file, matlab=matlab)
         elif isinstance(item, h5py.Dataset):
             value = _value(item, file, matlab=matlab)
+            names = next((_names(item.attrs[key]) for key in NAME_ATTRIBUTES if key in item.attrs), ())
+            if np.ndim(value) == 2 and len(names) == np.shape(value)[1] > 1:
+                found[name] = {each: value[:, at] for at, each in enumerate(names)}
+                continue
             unit = next((_text(item.attrs[key]) for key in UNIT_ATTRIBUTES if key in item.attrs), "")
             found[name] = {"data": value, "units": unit} if unit else value
     return found
@@ -78,12 +83,23 @@ def _value(item: Any, file: Any, *, matlab: bool) -> Any:
         return {name: values[name] for name in item.dtype.names}
     values = item[()]
     if h5py.check_ref_dtype(item.dtype) is not None:
-        return np.array([_value(file[reference], file, matlab=matlab) for reference in np.asarray(values).reshape(-1)], dtype=object)
+        references = np.asarray(values).reshape(-1)
+        cells = np.empty(references.size, dtype=object)  # NumPy would make one array of cells of one size
+        for at, reference in enumerate(references):
+            cells[at] = _value(file[reference], file, matlab=matlab)
+        return cells
     if kind == b"char":
         return "".join(chr(code) for code in np.asarray(values).T.reshape(-1))
     if h5py.check_string_dtype(item.dtype) is not None:
         return np.array([_text(text) for text in np.asarray(values).reshape(-1)], dtype=object) if np.ndim(values) else _text(values)
     return np.asarray(values).T if matlab else np.asarray(values)
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    """The names in an attribute: a list of texts, or one text with commas between them."""
+    if np.ndim(value) == 1:
+        return tuple(_text(each).strip() for each in value)
+    return tuple(name.strip() for name in _text(value).split(","))
 
 
 def _text(value: Any) -> str:

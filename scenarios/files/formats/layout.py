@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from scenarios.files.channel_names import CHANNEL_UNITS, is_clock, split_header
 from scenarios.files.formats.cells import MISSING, one_line, plain_number
 from scenarios.files.units import is_unit
 
+MOST_HEADS = 5  # rows of names, remarks and units above the numbers, and one of numbers
 LOOKED_AT = 200  # rows in which the header is looked for
 
 
@@ -33,6 +35,32 @@ def unit_row(header: Sequence[str], under: Sequence[str]) -> tuple[str, ...]:
     if any(is_number(cell) for cell in said) or not any(is_unit(cell) for cell in said):
         return ()
     return tuple("" if cell == "-" else cell for cell in cells)
+
+
+def heads(rows: Sequence[Sequence[str]]) -> tuple[int, int | None, int]:
+    """Which of the first rows names the columns, which one has their units, if any, and how many rows these are.
+
+    The rows are those above the first number, three at least or two with the units above. The units
+    are the row with most known ones, the names the row with most names of clocks and channels; of
+    rows with as many the first. Fewer rows are for ``unit_row``: ``0, None, 1``.
+    """
+    count = next((n for n, cells in enumerate(rows[:MOST_HEADS]) if has_number(cells)), 0)
+    above = rows[:count]
+    if count < 2 or any(len(cells) != len(above[0]) for cells in above):
+        return 0, None, 1
+    units = [sum(is_unit(without_brackets(cell)) for cell in cells if cell.strip()) for cells in above]
+    filled = [sum(bool(cell.strip()) for cell in cells) for cells in above]
+    at = max(range(count), key=lambda n: units[n] / max(filled[n], 1))
+    if 2 * units[at] <= filled[at] or (count == 2 and at == 1):
+        return 0, None, 1
+    known = [sum(is_known(cell) for cell in cells) if n != at else -1 for n, cells in enumerate(above)]
+    return max(range(count), key=lambda n: known[n]), at, count
+
+
+def is_known(cell: str) -> bool:
+    """Whether a header cell, without its unit, is the name of a clock or of a channel."""
+    name = split_header(one_line(cell))[0]
+    return is_clock(name) or name.lower() in CHANNEL_UNITS
 
 
 def without_brackets(cell: str) -> str:

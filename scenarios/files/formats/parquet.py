@@ -99,6 +99,11 @@ def _described(schema: Any) -> Sequence[tuple[Any, int | range]]:
     stored = [name for name in index if isinstance(name, str)]
     plain = [at for at, name in enumerate(schema.names) if name not in stored]
     columns: list[tuple[Any, int | range]] = list(zip(frame.columns, plain, strict=True))
+    if len(stored) == 1 == len(index) and frame.index.name is None and "time" not in frame.columns:
+        import pandas
+
+        if isinstance(frame.index, pandas.DatetimeIndex | pandas.TimedeltaIndex):
+            return [("time", schema.names.index(stored[0])), *columns]
     if not any((isinstance(each, dict) and each.get("name")) or name is not None for each, name in zip(index, frame.index.names, strict=False)):
         return columns
     named: list[tuple[Any, int | range]] = []

@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+import bz2
 import contextlib
 import gzip
 import importlib
 import io
 import logging
+import lzma
 import pkgutil
 import warnings
+import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from scenarios.files import formats
-from scenarios.files.formats.cells import Table, first_line
+from scenarios.files.formats.cells import MISSING, Table, first_line
+from scenarios.files.formats.layout import is_number
 from scenarios.files.formats.sizes import refuse_oversized
-from scenarios.files.formats.topic import Reader, Topic, as_module
+from scenarios.files.formats.topic import Reader, Topic, as_module, begins_with
 from scenarios.files.sources import MOST_RECORD, Source, too_large
 from sim.errors import RecordError
 
 NOT_READERS = ("cells", "layout", "registry", "sizes", "topic", "variables")
-GZIP = b"\x1f\x8b"
+GZIP, BZIP2, XZ, ZIP = b"\x1f\x8b", b"BZh", b"\xfd7zXZ\x00", b"PK\x03\x04"
+PACKED = {".gz": "gzip", ".bz2": "bzip2", ".xz": "xz"}
+FOOTER = 20  # rows below a table that may be remarks or sums
 
 
 @lru_cache(maxsize=1)
@@ -35,9 +44,16 @@ def readers() -> dict[str, Reader]:
 
 
 def reader_for(path: Path, raw: bytes) -> Reader:
-    """The reader whose first bytes the file has, else the one of its suffix, else the reader of text."""
+    """The reader whose first bytes the file has, else the one of its suffix, else the reader of text.
+
+    Several formats are ZIP archives inside, so that of these the suffix decides first.
+    """
+    if raw.startswith(ZIP):
+        named = next((reader for reader in readers().values() if path.suffix.lower() in reader.SUFFIXES), None)
+        if named is not None and named is not readers()["text"]:
+            return named
     for reader in readers().values():
-        if any(raw.startswith(mark) for mark in reader.MAGIC):
+        if any(begins_with(raw, mark) for mark in reader.MAGIC):
             return reader
     suffix = path.suffix.lower()
     return next((reader for reader in readers().values() if suffix in reader.SUFFIXES), readers()["text"])
@@ -54,12 +70,15 @@ def topics_of(source: Source) -> tuple[Topic, ...]:
     if not raw:
         raise RecordError("the file is empty", where=str(path), remedy="give a header row and one row a sample")
     inner = path
-    if raw.startswith(GZIP) or path.suffix.lower() == ".gz":
-        raw, inner = _unpacked(path, raw), path.with_suffix("") if path.suffix.lower() == ".gz" else path
+    if raw.startswith((GZIP, BZIP2, XZ)) or path.suffix.lower() in PACKED:
+        raw, inner = _unpacked(path, raw), path.with_suffix("") if path.suffix.lower() in PACKED else path
     refuse_oversized(inner, raw)
+    if raw.startswith(ZIP) and inner.suffix.lower() == ".zip":
+        raw, inner = _only_file(path, raw)
+        refuse_oversized(inner, raw)
     with _silent():
         topics = reader_for(inner, raw).read(path, raw)
-    filled = tuple(replace(topic, table=without_empty_tail(topic.table)) for topic in topics)
+    filled = tuple(_without_footer(replace(topic, table=without_empty_tail(topic.table))) for topic in topics)
     filled = tuple(topic for topic in filled if topic.table.rows.size)
     if not filled:
         raise RecordError("there is a header but no rows", where=str(path), remedy="give one row a sample")
@@ -94,16 +113,65 @@ def _is_empty(cell: object) -> bool:
     return cell is None or cell != cell or (isinstance(cell, str) and not cell.strip())
 
 
+def _without_footer(topic: Topic) -> Topic:
+    """The topic without remarks and sums below its numbers: last rows whose first cell is a text
+    where the rows above have a number; and a sentence on them."""
+    table = topic.table
+    first, count = table.columns[0] if table.columns else np.zeros(0), table.rows.size
+    if (isinstance(first, np.ndarray) and first.dtype != object) or len(first) != count:
+        return topic
+    kept = count
+    while kept and count - kept < FOOTER and _is_remark(first[kept - 1]):
+        kept -= 1
+    if kept in (0, count) or not is_number(str(first[kept - 1])):
+        return topic
+    columns = tuple(column[:kept] for column in table.columns)
+    ragged = {row: n for row, n in table.ragged.items() if row < kept}
+    rest = "s are" if count - kept > 1 else " is"
+    note = f"{count - kept} row{rest} left out below the table, from row {table.rows[kept]} on ({str(first[kept])[:30]!r})"
+    return replace(topic, table=replace(table, columns=columns, rows=table.rows[:kept], ragged=ragged), notes=(*topic.notes, note))
+
+
+def _is_remark(cell: object) -> bool:
+    """Whether a cell holds a word: letters, and neither a number nor the mark of a missing sample."""
+    text = "" if cell is None else str(cell).strip()
+    return text.lower() not in MISSING and any(letter.isalpha() for letter in text) and not is_number(text)
+
+
+def _only_file(path: Path, raw: bytes) -> tuple[bytes, Path]:
+    """Content and name of the one file in a ZIP archive. Raises RecordError where it holds another number of files, or is damaged."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            inside = [item for item in archive.infolist() if not item.is_dir() and not item.filename.startswith("__MACOSX/")]
+            if len(inside) == 1 and inside[0].file_size <= MOST_RECORD:
+                return archive.read(inside[0]), Path(inside[0].filename)
+    except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError, ValueError, zlib.error) as error:
+        raise RecordError(f"not a ZIP archive ({first_line(error)})", where=str(path), remedy="pack it again, or give the plain file") from None
+    shown = ", ".join(item.filename for item in inside[:6]) + (", ..." if len(inside) > 6 else "")
+    raise RecordError(f"the archive holds {len(inside)} files ({shown})", where=str(path), remedy="unpack it, and give one of its files")
+
+
 def _unpacked(path: Path, raw: bytes) -> bytes:
-    """What is in a gzip file, read no further than the limit: a few bytes may stand for any number of them."""
+    """What is in a gzip, bzip2 or xz file, read no further than the limit: a few bytes may stand for any number of them."""
+    if raw.startswith(BZIP2) or path.suffix.lower() == ".bz2":
+        name = "a bzip2"
+        opened: Callable[[io.BytesIO], Any] = bz2.BZ2File
+    elif raw.startswith(XZ) or path.suffix.lower() == ".xz":
+        name, opened = "an xz", lzma.LZMAFile
+    else:
+        name, opened = "a gzip", _gzip
     pieces, size = [], 0
     try:
-        with gzip.GzipFile(fileobj=io.BytesIO(raw)) as file:
+        with opened(io.BytesIO(raw)) as file:
             while piece := file.read(1 << 20):
                 pieces.append(piece)
                 size += len(piece)
                 if size > MOST_RECORD:
                     raise too_large(RecordError, str(path), "what it unpacks to", MOST_RECORD, "give a part of it, or save it as Parquet")
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordError(f"not a gzip file ({first_line(error)})", where=str(path), remedy="compress it again, or give the plain file") from None
+    except (OSError, EOFError, zlib.error, lzma.LZMAError) as error:
+        raise RecordError(f"not {name} file ({first_line(error)})", where=str(path), remedy="compress it again, or give the plain file") from None
     return b"".join(pieces)
+
+
+def _gzip(content: io.BytesIO) -> gzip.GzipFile:
+    return gzip.GzipFile(fileobj=content)

@@ -13,13 +13,14 @@ import io
 import itertools
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from scenarios.files.formats.cells import MISSING, Table, has_decimal_comma, header_cell
-from scenarios.files.formats.layout import LOOKED_AT, has_number, header_row, is_number, unit_row
+from scenarios.files.formats.layout import LOOKED_AT, MOST_HEADS, has_number, header_row, heads, is_known, is_number, unit_row, without_brackets
 from scenarios.files.formats.topic import Topic
 from sim.errors import RecordError
 
@@ -39,6 +40,7 @@ BLOCK = 4_000_000  # bytes that are parsed at a time
 LARGE = 500_000  # bytes from which a plain file is parsed column by column
 _DECLARED = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 _SAVE = "save it as CSV in UTF-8, as Parquet or as MAT"
+_JSON = re.compile(rb"\s*(?:\{\s*\"|\[\s*[\[{])")
 _UNPRINTABLE = re.compile("[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
 
 Rows = list[tuple[int, list[str]]]  # number of each row as the user sees it, and its cells
@@ -51,15 +53,27 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     ------
     RecordError : no text, empty, or columns that cannot be told apart.
     """
+    if _JSON.match(raw[:BEGINNING]):
+        raise RecordError("JSON is not read", where=str(path), remedy=_SAVE)
     if len(raw) > LARGE and (topic := _large(path, raw)) is not None:
         return (topic,)
     text, notes = _text(path, raw)
     with _long_cells(len(text)):
         layout = _layout(path, text)
-        body = text[layout.first :]
-        commented = bool(layout.above) and _is_comment(layout.above[-1])
-        table = _table(path, body, layout.separator, len(layout.above), named=layout.named, commented=commented)
-    return (Topic("", table, (*notes, *layout.notes)),)
+        table, found = _table(path, text[layout.first :], layout)
+    table, cut = _without_cut_row(table, text)
+    return (Topic("", table, (*notes, *layout.notes, *found, *cut)),)
+
+
+def _without_cut_row(table: Table, text: str) -> tuple[Table, tuple[str, ...]]:
+    """The table without a last row that the file's end cuts, as a recorder leaves it that lost its
+    power, and a sentence on it."""
+    last = table.rows.size - 1
+    if text.endswith(("\n", "\r")) or last < 1 or table.ragged.get(last, len(table.header)) >= len(table.header):
+        return table, ()
+    note = f"the file ends within row {table.rows[last]}, which is left out"
+    ragged = {row: cells for row, cells in table.ragged.items() if row != last}
+    return replace(table, columns=tuple(column[:last] for column in table.columns), rows=table.rows[:last], ragged=ragged), (note,)
 
 
 @contextlib.contextmanager
@@ -108,32 +122,73 @@ def _large(path: Path, raw: bytes) -> Topic | None:
         return None
     skipped = len(head[: layout.first].encode()) + (3 if begin.startswith(b"\xef\xbb\xbf") else 0)
     found = _fast_table(path, raw, skipped, head[layout.first :], layout)
-    return Topic("", found, layout.notes) if found is not None else None
+    if found is None:
+        return None
+    commented = () if layout.named else _unnamed(layout, len(found.header), str(path))[1]
+    return Topic("", found, (*layout.notes, *commented))
 
 
-def _table(path: Path, text: str, separator: str, above: int, *, named: bool, commented: bool) -> Table:
+def _table(path: Path, text: str, layout: Layout) -> tuple[Table, tuple[str, ...]]:
+    """The table in a text, and a sentence where its header stands in a comment."""
+    named, separator, above = layout.named, layout.separator, len(layout.above)
+    notes: tuple[str, ...] = ()
     lines = _rows(path, text, separator, above)
     if not any(cell.strip() for _, cells in lines for cell in cells):
         raise RecordError("the file is empty", where=str(path), remedy="give a header row and one row a sample")
-    if named and all(is_number(cell) for cell in lines[0][1]) and len(lines[0][1]) > 1:
-        if commented:
+    width = len(lines[0][1])
+    if named and all(is_number(cell) for cell in lines[0][1]) and width > 1:
+        named = False
+        if layout.above and _is_comment(layout.above[-1]) and not _commented_header(layout, width):
             remedy = f"take the {COMMENT} from the header, row {above}, or name the columns with --columns"
             raise RecordError("there is no header, the first row holds numbers", where=f"{path}, row {lines[0][0]}", remedy=remedy)
-        named = False
     if named:
-        header, body = tuple(header_cell(cell, str(path)) for cell in lines[0][1]), lines[1:]
-        units = unit_row(header, body[0][1]) if body else ()
-        body = body[1:] if units else body
+        at, under, count = heads([cells for _, cells in lines[: MOST_HEADS + 1]])
+        header, body = tuple(header_cell(cell, str(path)) for cell in lines[at][1]), lines[count:]
+        units = tuple(map(without_brackets, lines[under][1])) if under is not None else unit_row(header, body[0][1]) if body else ()
+        body = body[1:] if units and under is None else body
+        body = [(row, cells) for row, cells in body if cells != lines[at][1]]  # a file that was appended to another
     else:
-        header, body, units = _numbered(len(lines[0][1])), lines, ()
-    if len(header) > 1 and not header[-1] and all(not cells[-1].strip() for _, cells in body if len(cells) == len(header)):
-        header, units = header[:-1], units[:-1]  # each row ends with a separator
-        body = [(row, cells[:-1] if len(cells) == len(header) + 1 else cells) for row, cells in body]
+        header, notes = _unnamed(layout, width, str(path))
+        body, units = lines, ()
+    body = [(row, cells) for row, cells in body if len(cells) == len(header) or not _is_comment(cells[0])]
+    header, units, body = _of_one_width(header, units, body)
     ragged = {position: len(cells) for position, (_, cells) in enumerate(body) if len(cells) != len(header)}
     whole = [cells + [""] * (len(header) - len(cells)) if ragged else cells for _, cells in body]
     columns = tuple([cells[index] for cells in whole] for index in range(len(header)))
     comma = separator != "," and "," in text and has_decimal_comma(columns)
-    return Table(str(path), header, columns, np.array([row for row, _ in body], dtype=int), ragged, units, separator, comma)
+    rows = np.array([row for row, _ in body], dtype=int)
+    return Table(str(path), header, columns, rows, ragged, units, separator, comma), notes
+
+
+def _of_one_width(header: tuple[str, ...], units: tuple[str, ...], body: Rows) -> tuple[tuple[str, ...], tuple[str, ...], Rows]:
+    """Header, units and rows without the empty cell that a separator at the end of each row makes,
+    and with a column for the numbers of the rows where only the header lacks it, as R writes them."""
+    wider = bool(body) and all(len(cells) == len(header) + 1 for _, cells in body)
+    if len(header) > 1 and not header[-1] and all(not cells[-1].strip() for _, cells in body if len(cells) == len(header)):
+        header, units = header[:-1], units[:-1]
+        return header, units, [(row, cells[:-1] if len(cells) == len(header) + 1 else cells) for row, cells in body]
+    if wider and all(not cells[-1].strip() for _, cells in body):
+        return header, units, [(row, cells[:-1]) for row, cells in body]
+    if wider and all(cells[0].strip() == str(n + 1) for n, (_, cells) in enumerate(body)):
+        return ("", *header), ("", *units) if units else (), body
+    return header, units, body
+
+
+def _unnamed(layout: Layout, width: int, file: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The header of a table that begins with numbers: from the comment above it, else ``column 1`` ...; and a sentence on the comment."""
+    found = _commented_header(layout, width)
+    if not found:
+        return _numbered(width), ()
+    return tuple(header_cell(cell, file) for cell in found), (f"the header is the comment in row {len(layout.above)}",)
+
+
+def _commented_header(layout: Layout, width: int) -> tuple[str, ...]:
+    """The cells of the last comment above the numbers where it has as many as they, none of which is
+    a number and one of which names a clock or a channel; else nothing."""
+    if not layout.above or not _is_comment(layout.above[-1]):
+        return ()
+    cells = [cell.strip() for cell in _cells(layout.above[-1].strip().lstrip("".join(COMMENTS)).strip(), layout.separator)]
+    return tuple(cells) if len(cells) == width and any(map(is_known, cells)) and not any(is_number(cell) for cell in cells) else ()
 
 
 def _numbered(count: int) -> tuple[str, ...]:
@@ -188,8 +243,9 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
     if len(filled) < 2:
         return None
     for mark in (",", ";", "\t"):
-        first, second = (_cells(line, mark) for line in filled[:2])
-        if len(first) > 1 and len(first) == len(second):
+        first, second, last = (_cells(line, mark) for line in (*filled[:2], filled[-1]))
+        # Titles may have as many cells as each other, but hardly as many as the rows.
+        if len(first) > 1 and len(first) == len(second) and (len(first) == len(last) or len(lines) < LOOKED_AT):
             return None
     tail = filled[-max(1, min(len(filled) // 2, 20)) :]
     best: tuple[int, str] | None = None
@@ -240,7 +296,7 @@ def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> 
     if columns is None or len(columns[0]) != raw.count(b"\n", at) + (not raw.endswith(b"\n")):
         return None
     rows = np.arange(len(columns[0])) + len(layout.above) + skipped + 1
-    return Table(str(path), header or _numbered(width), tuple(columns), rows, {}, units, separator)
+    return Table(str(path), header or _unnamed(layout, width, str(path))[0], tuple(columns), rows, {}, units, separator)
 
 
 def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.ndarray] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,8 @@ import numpy as np
 
 from scenarios.files.formats.cells import Table, header_cell
 from sim.errors import RecordError
+
+FIRST_LINES = 4096  # bytes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,6 +39,8 @@ class Topic:
 class Reader(Protocol):
     """A module of this package: the suffixes and first bytes of its format, and its reading function.
 
+    A mark of ``MAGIC`` that begins with a line break may stand at the begin of any of the first
+    lines, below what a program wrote above.
     ``EXTRA`` names the optional dependency group of ``pyproject.toml`` that installs the library, empty where none is needed.
     """
 
@@ -90,7 +95,7 @@ def missing_library(error: ImportError, path: Path, format_name: str, extra: str
 
 def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:
     """The error for a file that the format's library cannot read."""
-    text = str(fault).strip()
+    text = re.sub(r"'?<[^<>]* object at 0x[0-9a-f]+>'?", "the file", str(fault)).strip()
     said = " ".join(text.splitlines()[0].split())[:160] if text else type(fault).__name__
     return RecordError(f"not a readable {format_name} file ({said})", where=str(path), remedy="export it again, or save the record as CSV")
 
@@ -99,6 +104,12 @@ def no_table(path: Path, seen: Sequence[str], remedy: str) -> RecordError:
     """The error for a file without a column; ``seen`` are the names of what is in it instead."""
     listed = ", ".join(seen[:12]) + (", ..." if len(seen) > 12 else "")
     return RecordError(f"no column of numbers is in the file{f'; it holds {listed}' if listed else ''}", where=str(path), remedy=remedy)
+
+
+def begins_with(raw: bytes, mark: bytes) -> bool:
+    """Whether a file begins with a mark; of a mark that begins with a line break, whether one of
+    its first lines does."""
+    return mark in b"\n" + raw[:FIRST_LINES] if mark.startswith(b"\n") else raw.startswith(mark)
 
 
 def as_module(module: ModuleType) -> Reader:

@@ -21,6 +21,7 @@ UNITS = ("units", "unit", "Units", "Unit")
 CLOCK_STEP = ("Ts", "dt", "Dt", "DT", "ts", "sample_time", "T_s")
 CLOCKS = ("time", "t", "Time", "TIME", "T", "timestamp", "tout", "SamplingInstants")
 IDDATA = {"u": ("InputData", "u"), "y": ("OutputData", "y")}
+SIGNALS = ("signals", "Signals")
 FEWEST = 3  # rows of a matrix that is a table
 
 
@@ -32,6 +33,7 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
     RecordError : nothing in them is a table; the message names each array with its size.
     """
     found: list[Topic] = []
+    variables = {name: _plain_form(value) for name, value in variables.items()}
     merged, twice = _with_one_struct(variables)
     _collect(path, "", merged, found, twice)
     if not found:
@@ -40,6 +42,54 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
     if len(found) == 1:
         return (Topic("", found[0].table, found[0].notes),)
     return tuple(found)
+
+
+def _plain_form(value: Any) -> Any:
+    """A variable in a form that the rules know, at any depth: what programs write for a struct of
+    vectors as a struct of vectors, a cell array of vectors as a matrix.
+
+    Known are an array of structs with one number each, one struct a sample; a cell array with a row
+    of names and rows of numbers; Simulink's structure with time, whose ``signals`` have ``values``
+    and a ``label``; a cell array of vectors of one length.
+    """
+    value = value if hasattr(value, "toarray") else _dense(value)
+    if isinstance(value, Mapping):
+        return _with_signals({name: each if name in SIGNALS else _plain_form(each) for name, each in value.items()})
+    structs = _structs(value)
+    if len(structs) >= FEWEST and all(each.keys() == structs[0].keys() and all(map(_is_one, each.values())) for each in structs):
+        return {name: np.array([float(each[name]) for each in structs]) for name in structs[0]}
+    if not isinstance(value, np.ndarray) or value.dtype != object or not value.size:
+        return value
+    if value.ndim == 2 and len(value) > FEWEST and all(isinstance(cell, str) for cell in value[0]) and all(map(_is_one, value[1:].flat)):
+        return {str(name): value[1:, at].astype(float) for at, name in enumerate(value[0])}
+    vectors = [np.squeeze(each) for each in value.flat if isinstance(each, np.ndarray) and each.dtype.kind in "fiub"]
+    if len(vectors) == value.size and all(each.ndim == 1 and FEWEST <= each.size == vectors[0].size for each in vectors):
+        return np.column_stack(vectors)
+    return value
+
+
+def _with_signals(level: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A struct whose ``signals`` are named vectors beside its clock, where it is one of Simulink's."""
+    name = next((word for word in SIGNALS if word in level), "")
+    signals = _structs(level.get(name))
+    if not signals or not any(word in level for word in CLOCKS) or not all("values" in each for each in signals):
+        return {key: _plain_form(each) if key == name else each for key, each in level.items()}
+    labels = [str(each.get("label") or each.get("blockName") or f"signal{n + 1}") for n, each in enumerate(signals)]
+    rest = {key: each for key, each in level.items() if key != name}
+    return rest | {label: _plain_form(each["values"]) for label, each in zip(labels, signals, strict=True)}
+
+
+def _structs(value: Any) -> list[Mapping[str, Any]]:
+    """The structs of an array of structs, or the one that is no array; empty for anything else."""
+    if isinstance(value, Mapping):
+        return [value]
+    items = list(value.flat) if isinstance(value, np.ndarray) and value.dtype == object else value
+    each = [_dense(item) for item in items] if isinstance(items, list) else []
+    return each if all(isinstance(item, Mapping) for item in each) else []
+
+
+def _is_one(cell: Any) -> bool:
+    return np.ndim(cell) == 0 and isinstance(cell, int | float | np.number)
 
 
 def _with_one_struct(variables: Mapping[str, Any]) -> tuple[Mapping[str, Any], dict[str, str]]:
@@ -65,8 +115,17 @@ def _fault(value: Any) -> str:
     return f"an array of {shape}" if np.ndim(value) > 2 or (np.ndim(value) == 2 and min(np.shape(value)) > 1) else ""
 
 
-def _collect(path: Path, name: str, level: Mapping[str, Any], found: list[Topic], unreadable: Mapping[str, str] | None = None) -> None:
-    """Add the table that a level of the file holds, then those of the structs in it; ``unreadable``: names of it that cannot be read, and why."""
+def _collect(
+    path: Path,
+    name: str,
+    level: Mapping[str, Any],
+    found: list[Topic],
+    unreadable: Mapping[str, str] | None = None,
+    clock: np.ndarray | None = None,
+) -> None:
+    """Add the table that a level of the file holds, then those of the structs in it; ``unreadable``:
+    names of it that cannot be read, and why; ``clock``: of the level above, for one without."""
+    level = _with_clock(_named_after(name, level), clock)
     faults = {key: fault for key, value in level.items() if (fault := _fault(value))} | dict(unreadable or {})
     variables = {key: _dense(value) for key, value in level.items() if key not in (unreadable or {})}
     flat: dict[str, np.ndarray] = {}
@@ -92,8 +151,28 @@ def _collect(path: Path, name: str, level: Mapping[str, Any], found: list[Topic]
         }
         others = {key: fault for key, fault in faults.items() if key not in columns and key not in inner}
         found.append(Topic(name, table_of_columns(path, columns, spread, place=name, rows=rows, unreadable=others), tuple(notes)))
+    own = next((np.squeeze(level[word]) for word in CLOCKS if isinstance(level.get(word), np.ndarray)), clock)
     for key, value in inner.items():
-        _collect(path, f"{name}.{key}" if name else key, value, found)
+        _collect(path, f"{name}.{key}" if name else key, value, found, clock=own)
+
+
+def _named_after(name: str, level: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The level with its data under its own name where it is one signal and its clock, as MATLAB's
+    timeseries and one group a signal are."""
+    data = [word for word in DATA if word in level and np.size(level[word]) > 1]
+    clocks = [word for word in CLOCKS if word in level]
+    signal = name.rpartition(".")[2]
+    if len(data) != 1 or len(clocks) != 1 or not signal or signal in level or np.size(level[data[0]]) != np.size(level[clocks[0]]):
+        return level
+    named = {"data": np.squeeze(level[data[0]])} | {word: level[word] for word in UNITS if word in level}
+    return {signal if key == data[0] else key: named if key == data[0] else each for key, each in level.items() if key not in UNITS}
+
+
+def _with_clock(level: Mapping[str, Any], clock: np.ndarray | None) -> Mapping[str, Any]:
+    """The level with the clock of the level above where it has none, and vectors as long as that one."""
+    if clock is None or clock.ndim != 1 or any(word in level for word in CLOCKS):
+        return level
+    return {"time": clock, **level} if any(np.size(each) == clock.size for each in level.values() if not isinstance(each, Mapping)) else level
 
 
 def _columns(flat: Mapping[str, np.ndarray], level: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], int, list[str]]:

@@ -8,22 +8,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-CLOCK_NAMES = (
-    "time", "t", "timestamp", "timeus", "timems", "timens", "time_us", "time_ms", "time_ns", "time_s", "timestamp_us", "timestamp_ms",
-    "timestamp_ns", "elapsed", "elapsed time", "elapsed_time", "seconds", "sec", "utc", "utc time", "utc_time", "datetime", "date_time",
-    "date", "gps_time", "tout", "irig", "irig time", "irig_time", "zeit",
-)  # fmt: skip
+from scenarios.files.formats.cells import LARGEST
+from sim.errors import RecordError
+
 COUNTERS = {"timeus": "us", "timems": "ms", "timens": "ns", "seconds": "s", "sec": "s"}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 USUAL_RATE = 50.0  # Hz: the unit of an unlabelled counter is the one whose rate is nearest to it
 SLOWEST = 0.1  # Hz: a counter of whole numbers that would be slower in seconds does not count seconds
 FEWEST = 20  # steps from which the rate of a counter says its unit
+FASTEST = 50_000.0  # Hz: an unlabelled clock that would be faster in seconds is in a longer unit
+DOUBTFUL = 1000.0  # Hz, from which a note says that an unlabelled clock is read in seconds
 EPOCH = 1e8  # s: larger stamps are dates, and time counts from the first sample
-DAY = 86400.0
-REGULARLY = 0.05  # share of the steps that rounding makes uneven at least; a single odd stamp is a fault
+LATEST = 4.2e9  # s: seconds since 1970 stay below it until the year 2103
+RESUMED = 1e-3  # of a day or a week, by which the first stamp after its end may be late
+HOUR, DAY = 3600.0, 86400.0
+# Days of the years 1970 to 2100 as Excel and as MATLAB count them.
+CALENDAR_DAYS = ((25_569.0, 73_415.0), (719_529.0, 767_376.0))
+# Share of the steps that rounding makes uneven at least; a single odd stamp is a fault. Of 1500 records at 10 to 400 Hz with
+# stamps of 2 to 4 digits every one that rounding makes uneven gets its grid; with 0.05 those of 33 Hz in 0.01 s did not.
+REGULARLY = 0.01
 COARSE = 0.01  # of the step, from which the digits of the stamps limit it
-DISPLACED = 0.02  # share of the rows that may stand in the wrong place
-_TIME_OF_DAY = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)")
+DISPLACED = 0.02  # share of the rows that may stand in the wrong place; in order, a record has none and this decides nothing
+_TIME_OF_DAY = re.compile(r"(?:(?:(?:\d{4}[:-])?(\d{1,3})|(-?\d+) days?)[ :-])?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+|:\d{3})?)")
+_MINUTES = re.compile(r"(\d{1,3}):(\d{2}[.,]\d+)")  # as spreadsheets show a time of day
+_DAY_AND_MONTH = re.compile(r"(\d{1,2})[./](\d{1,2})[./](\d{4})(.*)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,44 +64,57 @@ class Sorted:
     notes: tuple[str, ...] = ()
 
 
-def is_clock(name: str) -> bool:
-    """Whether a header names a clock, in whatever case and with any unit in brackets."""
-    return re.sub(r"\s*[\[(].*", "", name).strip().lower() in CLOCK_NAMES
-
-
 def counter_unit(name: str) -> str | None:
     """Unit that a clock's name alone states, as ``TimeUS`` does; None where it states none."""
     return COUNTERS.get(name.strip().lower())
 
 
 def times_of_texts(cells: Sequence[object]) -> Clock | None:
-    """Dates (ISO 8601), times of day (``hh:mm:ss.sss``) or IRIG times (``DDD:hh:mm:ss.sss``) in seconds from the first; None for others.
+    """Dates, times of day, IRIG times or durations in seconds from the first; None for others.
 
-    A time of day that falls by more than half a day has passed midnight.
+    Dates are ISO 8601, or day, month and year in either order. Times of day are ``hh:mm:ss.sss``,
+    with a comma or a colon before the fraction, or ``mm:ss.s``. IRIG times are
+    ``DDD:hh:mm:ss.sss``, also with a year before or a dash behind the day. Durations are those of
+    pandas, ``0 days 00:00:01.5``. A time of day that falls by more than half a day has passed
+    midnight; one of minutes that falls by more than half an hour has passed the hour.
     """
     texts = ["" if cell is None else str(cell).strip() for cell in cells]
     filled = [text for text in texts if text]
     if not filled:
         return None
+    of_minutes = _MINUTES.fullmatch(filled[0]) is not None
     found = _TIME_OF_DAY.fullmatch(filled[0])
-    if found is None:
+    if found is None and not of_minutes:
         return _dates(texts)
     seconds = np.full(len(texts), np.nan)
     for row, text in enumerate(texts):
         if not text:
             continue
-        parts = _TIME_OF_DAY.fullmatch(text)
+        parts = (_MINUTES if of_minutes else _TIME_OF_DAY).fullmatch(text)
         if parts is None:
             return None
-        seconds[row] = 60.0 * (60.0 * int(parts[2]) + int(parts[3])) + float(parts[4].replace(",", ".")) + DAY * int(parts[1] or 0)
-    kind = "IRIG times (days of the year)" if found[1] else "times of day"
+        seconds[row] = 60.0 * int(parts[1]) + _fraction(parts[2]) if of_minutes else _seconds_of_day(parts)
+    irig, duration = (False, False) if found is None else (bool(found[1]), bool(found[2]))
+    kind = "IRIG times (days of the year)" if irig else "durations" if duration else "times of day"
+    kind = "minutes and seconds" if of_minutes else kind
     note = f"{kind} count from the first, {filled[0]}"
     known = np.flatnonzero(np.isfinite(seconds))
-    turns = np.concatenate([[0.0], np.cumsum(np.diff(seconds[known]) < -0.5 * DAY)]) if not found[1] else np.zeros(known.size)
-    seconds[known] += DAY * turns
+    turn = 0.0 if irig or duration else HOUR if of_minutes else DAY
+    turns = np.concatenate([[0.0], np.cumsum(np.diff(seconds[known]) < -0.5 * turn)]) if turn else np.zeros(known.size)
+    seconds[known] += turn * turns
     if turns.size and turns[-1]:
-        note += "; midnight is passed"
+        note += "; the full hour is passed" if of_minutes else "; midnight is passed"
     return Clock(np.round(seconds - seconds[known[0]], 9), (note,), float(seconds[known[0]]))
+
+
+def _seconds_of_day(parts: re.Match[str]) -> float:
+    days = int(parts[1] or parts[2] or 0)
+    return DAY * days + 60.0 * (60.0 * int(parts[3]) + int(parts[4])) + _fraction(parts[5])
+
+
+def _fraction(text: str) -> float:
+    """Seconds with a fraction behind a point, a comma or a colon."""
+    return float(text.replace(",", ".").replace(":", "."))
 
 
 def times_of_dates(dates: np.ndarray) -> Clock:
@@ -109,14 +130,20 @@ def times_of_dates(dates: np.ndarray) -> Clock:
     return Clock(seconds, (f"dates count from the first, {np.datetime_as_string(first, unit='ms')}",), origin)
 
 
-def seconds_of_counter(values: np.ndarray, unit: str | None) -> Clock:
+def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the clock") -> Clock:
     """Numbers of a clock in seconds.
 
     Parameters
     ----------
     values : shape ``(N,)``, NaN where missing. unit : ``s``, ``ms``, ``us`` or ``ns``; None: decided by the rate.
+    where : the column, for a message.
 
     A counter of 16 or 32 bits that begins anew goes on. Stamps of a calendar count from the first sample.
+
+    Raises
+    ------
+    RecordError : no unit is stated, and the rate would be impossible in seconds, so that the clock
+        may be in minutes, hours or days.
     """
     notes: list[str] = []
     stated = unit == "s"
@@ -127,19 +154,50 @@ def seconds_of_counter(values: np.ndarray, unit: str | None) -> Clock:
     if turns:
         notes.append(f"the counter of the clock begins anew {turns} time{'s' * (turns > 1)} and goes on")
     if unit is None:
-        steps = np.diff(values[finite])
-        step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-        whole = bool(np.all(values[finite] == np.round(values[finite])))
-        unit = "s"
-        if whole and steps.size >= FEWEST and step * SLOWEST > 1.0:
-            unit = min(SECONDS, key=lambda name: abs(np.log(step * SECONDS[name] * USUAL_RATE)))
-            notes.append(f"the time is read in {unit} (steps of {step:g}): {1.0 / (step * SECONDS[unit]):.4g} samples a second")
+        unit, said = _unit_by_rate(values[finite], where)
+        notes += [said] if said else []
+    if unit == "d":
+        first = float(values[finite][0])
+        days = (values - first) * DAY
+        return Clock(days, (*notes, "the time counts from the first sample"), first * DAY)
     factor, first = SECONDS[unit], 0.0
     if not stated and abs(values[finite][0]) * factor > EPOCH:
         notes.append("the time counts from the first sample")
         first = float(values[finite][0])
         values = values - first
-    return Clock(values * factor if factor != 1.0 else values, tuple(notes), first * factor)
+    seconds, period = _past_midnight(values * factor if factor != 1.0 else values)
+    notes += [f"the clock begins anew after a {period} and goes on"] if period else []
+    return Clock(seconds, tuple(notes), first * factor)
+
+
+def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
+    """The unit of an unlabelled clock, ``d`` among them, and a sentence on it; ``values`` are finite.
+
+    Raises
+    ------
+    RecordError : the rate is impossible in seconds, and no unit is certain.
+    """
+    steps = np.diff(values)
+    moves = steps > 0.0
+    # Stamps that repeat, as those of few digits do, come more often than they move.
+    step = float(np.median(steps[moves]) * np.mean(moves)) if np.any(moves) else 0.0
+    if not step > 0.0 or steps.size < FEWEST:
+        return "s", ""
+    whole = bool(np.all(values == np.round(values)))
+    if whole and (step * SLOWEST >= 1.0 or abs(values[0]) > LATEST):
+        unit = min(SECONDS, key=lambda name: abs(np.log(step * SECONDS[name] * USUAL_RATE)))
+        return unit, f"the time is read in {unit} (steps of {step:g}): {1.0 / (step * SECONDS[unit]):.4g} samples a second"
+    rate = 1.0 / step
+    if rate > FASTEST:
+        if any(low <= values[0] <= high for low, high in CALENDAR_DAYS):
+            return "d", f"the time is read in days of a calendar: {rate / DAY:.4g} samples a second"
+        what = f"in seconds these times would be {rate:.3g} samples a second, and no unit is stated"
+        remedy = 'state the unit: time = {column = "HEADER", unit = "h"} in the channel map, or "min", or "d"'
+        raise RecordError(what, where=where, remedy=remedy)
+    if rate > DOUBTFUL or (whole and step > 1.0):
+        other = "min" if rate > DOUBTFUL else "ms"
+        return "s", f"the time is read in s: {rate:.4g} samples a second; if it is in {other}, state the unit in the channel map"
+    return "s", ""
 
 
 def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
@@ -155,13 +213,15 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
     numbers printed with a fixed number of significant digits have fewer decimals the larger they are. Of all such grids the one
     with the least largest deviation is taken (a linear program in ``a``, ``b``).
     """
-    if time.size < 10 or not np.all(np.diff(time) >= 0.0):
+    if time.size < 10 or not np.max(np.abs(time)) < LARGEST or not np.all(np.diff(time) >= 0.0):
         return None
     step = (time[-1] - time[0]) / (time.size - 1)
     if not step > 0.0:
         return None
-    uneven = np.abs(np.diff(time) - np.median(np.diff(time))) > COARSE * step
-    if np.mean(uneven) < REGULARLY:
+    usual = float(np.median(np.diff(time)))
+    uneven = np.abs(np.diff(time) - usual) > COARSE * step
+    # Where most stamps repeat the one before, the few that move are no faults.
+    if usual > 0.0 and np.mean(uneven) < REGULARLY:
         return None
     unit = _last_digits(time)
     if np.max(unit) < COARSE * step:
@@ -211,18 +271,55 @@ def sorted_rows(time: np.ndarray, repeats: np.ndarray) -> Sorted | None:
 def _dates(texts: Sequence[str]) -> Clock | None:
     import pandas
 
-    if not re.match(r"\d{4}-?\d{2}-?\d{2}|\d{1,2}[./]\d{1,2}[./]\d{4}", next(text for text in texts if text)):
+    first_text = next(text for text in texts if text)
+    if not re.match(r"\d{4}-?\d{2}-?\d{2}|\d{1,2}[./]\d{1,2}[./]\d{4}", first_text):
         return None
-    series = pandas.Series([text or None for text in texts])
-    for options in ({"format": "ISO8601"}, {"format": "mixed", "dayfirst": True}):
-        try:
-            stamps = pandas.to_datetime(series, utc=True, **options)
-        except (ValueError, TypeError, OverflowError):
-            continue
-        first = stamps[stamps.first_valid_index()]
-        seconds = (stamps - first).dt.total_seconds().to_numpy(dtype=float)
-        return Clock(seconds, (f"dates count from the first, {first.isoformat()}",), float(first.timestamp()))
-    return None
+    found = []
+    for texts_in_order, words in _orders_of_day_and_month(texts):
+        series = pandas.Series([text or None for text in texts_in_order])
+        for form in ("ISO8601", "mixed"):
+            try:
+                stamps = pandas.to_datetime(series, utc=True, format=form)
+            except (ValueError, TypeError, OverflowError):
+                continue
+            known = stamps.dropna()
+            found.append((known.max() - known.min(), stamps, words))
+            break
+    if not found:
+        return None
+    # A record covers hours, not months: the order of day and month in which it is shorter is right.
+    _, stamps, words = min(found, key=lambda each: each[0])
+    first = stamps[stamps.first_valid_index()]
+    seconds = (stamps - first).dt.total_seconds().to_numpy(dtype=float)
+    return Clock(seconds, (f"dates{words} count from the first, {first.isoformat()}",), float(first.timestamp()))
+
+
+def _orders_of_day_and_month(texts: Sequence[str]) -> list[tuple[Sequence[str], str]]:
+    """The dates as they stand where the year comes first; else with the day first and with the month
+    first, each as year, month, day."""
+    parted = [_DAY_AND_MONTH.fullmatch(text) for text in texts]
+    if not any(parted):
+        return [(texts, "")]
+    orders: list[tuple[Sequence[str], str]] = []
+    for day, month, words in ((1, 2, " (day first)"), (2, 1, " (month first)")):
+        ordered = [
+            f"{each[3]}-{int(each[month]):02d}-{int(each[day]):02d}{each[4]}" if each else text for each, text in zip(parted, texts, strict=True)
+        ]
+        orders.append((ordered, words))
+    return orders
+
+
+def _past_midnight(time: np.ndarray) -> tuple[np.ndarray, str]:
+    """Seconds of the day or of the GPS week, which begin anew at the end of it, made continuous; and which."""
+    known = np.flatnonzero(np.isfinite(time))
+    steps = np.diff(time[known])
+    for period, name in ((DAY, "day"), (7.0 * DAY, "week")):
+        turns = np.abs(steps + period) < RESUMED * period
+        if np.any(turns) and np.min(time[known]) >= 0.0 and np.max(time[known]) <= period:
+            out = time.copy()
+            out[known] += period * np.concatenate([[0.0], np.cumsum(turns)])
+            return out, name
+    return time, ""
 
 
 def _unrolled(values: np.ndarray) -> tuple[np.ndarray, int]:
@@ -248,7 +345,10 @@ def _last_digits(time: np.ndarray) -> np.ndarray:
         values = time[here]
         for decimals in range(-6, 13):
             scaled = values * 10.0**decimals
-            if np.all(np.abs(scaled - np.round(scaled)) < 1e-6 * np.maximum(1.0, np.abs(scaled) * 1e-6)):
+            rounded = np.round(scaled)
+            # A number below half a unit rounds to zero, but is not written in that unit.
+            whole = np.all((rounded != 0.0) | (values == 0.0))
+            if whole and np.all(np.abs(scaled - rounded) < 1e-6 * np.maximum(1.0, np.abs(scaled) * 1e-6)):
                 unit[here] = 10.0**-decimals
                 break
     # Small numbers may by chance need fewer digits than larger ones: a stamp has no fewer decimals than a larger one.

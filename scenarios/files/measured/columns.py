@@ -6,14 +6,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from scenarios.files.channel_names import CHANNEL_UNITS, STICK
+from scenarios.files.channel_names import CHANNEL_UNITS, STICK, split_header
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.declarations import closest
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 
-_ELEMENT = re.compile(r"\w+\[(0|[2-9]|\d\d+)\]")  # an element of an array, as q[0]; of q[1] the unit may be 1
-_BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
+_SECOND = re.compile(r"(\w[\w.]*)\[1\]")
 
 
 @dataclass(frozen=True)
@@ -36,12 +35,12 @@ class Column:
     inside: str
 
 
-def split_header(cell: str) -> tuple[str, str | None]:
-    """Name and unit of ``name [unit]`` or ``name (unit)``; the unit is None without brackets."""
-    found = _BRACKETS.fullmatch(cell)
-    if found is None or not found[1] or _ELEMENT.fullmatch(cell):
-        return cell, None
-    return found[1], (found[2] if found[2] is not None else found[3]).strip()
+def split_at(header: Sequence[str], index: int) -> tuple[str, str | None]:
+    """Name and unit of a cell of a header. ``xyz[1]`` beside ``xyz[0]`` or ``xyz[2]`` is an element of an array, in no unit."""
+    found = _SECOND.fullmatch(header[index])
+    if found is not None and (f"{found[1]}[0]" in header or f"{found[1]}[2]" in header):
+        return header[index], None
+    return split_header(header[index])
 
 
 def suffix_unit(cell: str, channel: str) -> str | None:
@@ -65,7 +64,8 @@ def find_column(
 ) -> Column | None:
     """The column of a channel, None if the table has none.
 
-    A channel in ``choices`` is looked for under that header alone. Else ``alpha``, ``alpha [deg]`` and ``alpha_deg``
+    A channel in ``choices`` is looked for under that header alone, or counts as absent. Else
+    ``alpha``, ``alpha [deg]`` and ``alpha_deg``
     count; a ``alpha_word`` whose word is no unit of an angle counts as another signal if there is an ``alpha`` besides.
     ``units`` (the sidecar's) hold for headers without a unit, before them ``under``, the row of units under the header. ``known``: all
     channels that there are, and their units inside; a header that is another channel's name is that channel's alone. ``lenient``: a unit
@@ -80,11 +80,13 @@ def find_column(
         raise RecordError(f"there is no channel {channel!r}", where=file, remedy=closest(channel, known))
     default, inside = (units or {}).get(channel, known[channel]), inside_unit(channel, known)
     if choices is not None and channel in choices:
+        if choices[channel].absent:
+            return None
         return _mapped(channel, choices[channel], header, file, default, inside, under, lenient=lenient)
     named, suffixed = [], []
     cells = _in_our_case(channel, header, known)
     for index, cell in enumerate(cells):
-        name, unit = split_header(cell)
+        name, unit = split_at(cells, index)
         if name == channel:
             named.append(Column(channel, header[index], index, default if unit is None else unit or default, inside))
         elif name not in known and (word := suffix_unit(cell, channel)) is not None:
@@ -103,7 +105,7 @@ def find_column(
 
 def _in_our_case(channel: str, header: Sequence[str], known: Mapping[str, str]) -> Sequence[str]:
     """The header with ``Elevator`` and ``ALPHA`` written as the channel is, where no cell is written so and no other channel is meant."""
-    if any(split_header(cell)[0] == channel for cell in header):
+    if any(split_at(header, index)[0] == channel for index in range(len(header))):
         return header
     cells = list(header)
     for index, cell in enumerate(header):
@@ -133,6 +135,8 @@ def missing_column(channel: str, header: Sequence[str], file: str) -> RecordErro
     present = [cell for cell in header if cell]
     shown = ", ".join(present[:20]) + (", ..." if len(present) > 20 else "")
     remedy = f'name the column {channel}, or give --channels a map with {channel} = {{column = "HEADER"}}'
+    if header and header[0] == "column 1":  # the file has no header
+        remedy = f"name the columns with --columns, or give --channels a map with {channel} = NUMBER"
     return RecordError(f"there is no column {channel!r}; the columns are {shown}", where=f"{file}, header", remedy=remedy)
 
 
@@ -184,7 +188,7 @@ def _mapped(
     cell = header[found[0]]
     if choice.unit is not None:
         return _sound(Column(channel, cell, found[0], choice.unit or default, inside), file)
-    unit = split_header(cell)[1]
+    unit = split_at(header, found[0])[1]
     column = Column(channel, cell, found[0], unit or default, inside)
     return _sound(_with_unit_under(column, under, file, said=bool(unit), lenient=lenient), file)
 

@@ -7,12 +7,13 @@ so that the fit knows its rate; an input is continued between its own samples, h
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME, is_clock, split_header
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.declarations import closest
 from scenarios.files.formats.cells import Table, numbers
@@ -21,12 +22,11 @@ from scenarios.files.measured.clock import (
     SECONDS,
     Clock,
     counter_unit,
-    is_clock,
     seconds_of_counter,
     times_of_dates,
     times_of_texts,
 )
-from scenarios.files.measured.columns import inside_unit, split_header, suffix_unit
+from scenarios.files.measured.columns import inside_unit, split_at, suffix_unit
 from scenarios.files.measured.expressions import Expression, evaluate, is_plain_name, parse
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.units import QUANTITIES, to_si
@@ -36,6 +36,8 @@ SAME_RATE = 1.5  # ratio of rates below which two topics count as equally fast
 BELOW_HALF = 0.8  # corner of the low-pass, as a share of half the new rate
 ORDER = 4
 SI_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
+NO_NAMES = ("", "index", "unnamed: 0")  # headers of an index that has no name
+FIRST_CELLS = 5  # cells that say whether a column holds dates
 JITTER = 0.1  # of the step, from which an uneven clock is said
 Place = tuple[int, int]  # topic and column
 
@@ -49,6 +51,11 @@ class Wanted:
     expression: Expression
     places: Mapping[str, Place]
     is_input: bool
+
+    @property
+    def computed(self) -> bool:
+        """Whether it is anything but one column's own numbers."""
+        return self.choice.computed or len(self.places) != 1 or not self.expression.text.startswith("`")
 
 
 def with_derived(
@@ -74,27 +81,55 @@ def with_derived(
     ------
     RecordError : a column, topic or clock that is not there or not the only one of its name; an expression that cannot be computed.
     """
-    chosen = {name: choice for name, choice in (choices or {}).items() if name in inputs or name in outputs or name == TIME}
+    absent = {name: choice for name, choice in (choices or {}).items() if choice.absent}
+    chosen = {name: choice for name, choice in (choices or {}).items() if (name in inputs or name in outputs or name == TIME) and name not in absent}
     topics = file.topics if len(file.topics) > 1 else (Topic("", file.table),)
     if len(topics) > 1:
-        plain = {name: ColumnChoice(name) for name in (*inputs, *outputs) if name not in chosen and _unique(name, topics)}
+        others = [name for name in (*inputs, *outputs) if name not in chosen and name not in absent]
+        plain = {name: ColumnChoice(name) for name in others if _unique(name, topics) and (name in inputs or _measured(name, topics))}
         wanted = [_wanted(file, topics, name, each, name in inputs, known) for name, each in {**plain, **chosen}.items() if name != TIME]
         if not wanted:
             what = f"a log of {len(topics)} topics ({', '.join(topic.name for topic in topics[:8])}, ...)"
             raise RecordError(what, where=str(file.path), remedy=f"make a channel map with flightid map {file.path}, and name it with --channels")
-        return _merged(file, topics, wanted, rate, hold, known)
+        single, found = _merged(file, topics, wanted, rate, hold, known)
+        return single, {**found, **absent}
     needed = {name: choice for name, choice in chosen.items() if _is_computed(choice, file.table)}
     if not needed:
         return file, choices
     return _computed(file, needed, choices or {}, inputs, known)
 
 
+def source_columns(
+    file: RecordFile, choices: Mapping[str, ColumnChoice], inputs: Sequence[str], outputs: Sequence[str], known: Mapping[str, str] = CHANNEL_UNITS
+) -> tuple[int, ...]:
+    """Columns of a file with one table from which channels are computed; none where each channel is
+    a column as it stands."""
+    asked = {
+        name: choice for name, choice in choices.items() if name in (*inputs, *outputs) and not choice.absent and _is_computed(choice, file.table)
+    }
+    wanted = [_wanted(file, (Topic("", file.table),), name, choice, name in inputs, known) for name, choice in asked.items()]
+    return tuple(sorted({index for each in wanted for _, index in each.places.values()}))
+
+
 def clock_place(table: Table) -> int | None:
-    """The column that is the clock of a table: ``time`` before other names of clocks; None where there is none."""
+    """The column that is the clock of a table: ``time`` before other names of clocks, before a first
+    column without a name that holds dates, as pandas writes an index; None where there is none."""
     named = [index for index, cell in enumerate(table.header) if is_clock(split_header(cell)[0])]
     first = [index for index in named if split_header(table.header[index])[0].strip().lower() == TIME]
     chosen = first or named
+    if not chosen and table.header and table.header[0].lower() in NO_NAMES and holds_dates(table.columns[0]):
+        return 0
     return chosen[0] if chosen else None
+
+
+def holds_dates(column: Sequence[object] | np.ndarray) -> bool:
+    """Whether a column holds dates, times of day or durations, by its type or its first cells."""
+    if isinstance(column, np.ndarray) and column.dtype.kind in "mM":
+        return True
+    if isinstance(column, np.ndarray) and column.dtype.kind in "fiub":
+        return False
+    filled = [cell for cell in itertools.islice(column, FIRST_CELLS) if cell is not None and str(cell).strip()]
+    return bool(filled) and times_of_texts(filled) is not None
 
 
 def clock_of(table: Table, index: int, unit: str | None = None) -> Clock:
@@ -120,14 +155,13 @@ def clock_of(table: Table, index: int, unit: str | None = None) -> Clock:
     said = unit if unit is not None else stated_unit(table, index)
     values = numbers(table, index).values
     if said in SECONDS or said is None:
-        return seconds_of_counter(values, said)
+        return seconds_of_counter(values, said, f"{table.file}, column {table.header[index]!r}")
     return Clock(np.asarray(to_si(values, said, "s", f"{table.file}, column {table.header[index]!r}")))
 
 
 def stated_unit(table: Table, index: int) -> str | None:
     """The unit that a header, the row under it or a clock's name states; None where nothing does."""
-    cell = table.header[index]
-    name, unit = split_header(cell)
+    name, unit = split_at(table.header, index)
     under = table.units[index] if table.units else ""
     if unit or under:
         chosen = unit or under
@@ -149,6 +183,14 @@ def _is_computed(choice: ColumnChoice, table: Table) -> bool:
 
 def _unique(name: str, topics: Sequence[Topic]) -> bool:
     return sum(name in topic.table.header for topic in topics) == 1
+
+
+def _measured(name: str, topics: Sequence[Topic]) -> bool:
+    """Whether a field that nobody mapped is anything but zero: loggers keep fields of sensors that
+    are not there."""
+    topic, index = _places(name, topics)[0]
+    values = numbers(topics[topic].table, index).values
+    return bool(np.any(np.isfinite(values) & (values != 0.0)))
 
 
 def _wanted(file: RecordFile, topics: Sequence[Topic], channel: str, choice: ColumnChoice, is_input: bool, known: Mapping[str, str]) -> Wanted:
@@ -202,16 +244,17 @@ def _computed(
     table, topics = file.table, (Topic("", file.table),)
     header, columns = list(table.header), list(table.columns)
     units = list(table.units) if table.units else []
-    new = dict(choices)
+    new, notes = dict(choices), list(file.notes)
     for channel, choice in needed.items():
         wanted = _wanted(file, topics, channel, choice, channel in inputs, known)
         if channel == TIME:
             place = next(iter(wanted.places.values()))
-            clock = clock_of(table, place[1], choice.unit) if not is_plain_expression(wanted) else None
+            clock = clock_of(table, place[1], choice.unit) if not wanted.computed else None
             values = clock.time if clock is not None else _values(file, wanted, topics, choice.unit)
             unit = "s" if clock is not None or choice.unit is None else choice.unit
         else:
-            values, unit = _in_unit(file, wanted, topics, known)
+            values, unit, note = _in_unit(file, wanted, topics, known)
+            notes += [f"{channel}: {note}"] if note else []
         if choice.delay:
             place_of_clock = _clock_index(table, choices)
             if place_of_clock is None:
@@ -223,12 +266,7 @@ def _computed(
         units += [unit] if units else []
         new[channel] = ColumnChoice(label, unit, hold=choice.hold)
     wider = replace(table, header=tuple(header), columns=tuple(columns), units=tuple(units))
-    return replace(file, table=wider), new
-
-
-def is_plain_expression(wanted: Wanted) -> bool:
-    """Whether more than one column's own numbers is computed."""
-    return wanted.choice.computed or len(wanted.places) != 1 or not wanted.expression.text.startswith("`")
+    return replace(file, table=wider, notes=tuple(notes)), new
 
 
 def _clock_index(table: Table, choices: Mapping[str, ColumnChoice]) -> int | None:
@@ -238,16 +276,33 @@ def _clock_index(table: Table, choices: Mapping[str, ColumnChoice]) -> int | Non
     return choice.column - 1 if choice is not None and isinstance(choice.column, int) else clock_place(table)
 
 
-def _in_unit(file: RecordFile, wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]) -> tuple[np.ndarray, str]:
-    """A channel's values as computed, and their unit: the one of the choice, else the one that follows from the columns'."""
-    unit = wanted.choice.unit
-    inside = inside_unit(wanted.channel, known)
-    if unit is None and not is_plain_expression(wanted):
-        topic, index = next(iter(wanted.places.values()))
-        said = stated_unit(topics[topic].table, index)
-        unit = said if said and _measures(said, inside) else None
-        return _values(file, wanted, topics, unit or ""), unit or inside
-    return _values(file, wanted, topics, unit), unit if unit is not None else inside
+def _in_unit(file: RecordFile, wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]) -> tuple[np.ndarray, str, str]:
+    """A channel's values as computed, their unit, and a sentence on a unit that is not used."""
+    unit, note = _unit_of(wanted, topics, known)
+    return _values(file, wanted, topics, unit), inside_unit(wanted.channel, known) if unit is None else unit, note
+
+
+def _unit_of(wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]) -> tuple[str | None, str]:
+    """The unit of a channel's numbers, and a sentence on a stated one that is not used; None:
+    columns of stated units are computed with in SI.
+
+    The unit of the choice goes first, then the one that the file states for a column that is taken
+    as it stands.
+
+    Raises
+    ------
+    RecordError : somebody wrote a unit to the column that is none of the channel.
+    """
+    if wanted.choice.unit is not None or wanted.computed:
+        return wanted.choice.unit, ""
+    topic, index = next(iter(wanted.places.values()))
+    table, inside = topics[topic].table, inside_unit(wanted.channel, known)
+    said = stated_unit(table, index)
+    if not said or not inside or _measures(said, inside):
+        return said or inside, ""
+    if not table.stated_apart:
+        to_si(1.0, said, inside, f"{table.file}, column {table.header[index]!r}")
+    return inside, f"the unit {said} that the file states is no unit of it and is not used"
 
 
 def _measures(unit: str, inside: str) -> bool:
@@ -310,7 +365,7 @@ def _merged(
     notes: list[str] = []
     leading = [topic for each in wanted if not each.is_input for topic in {place[0] for place in each.places.values()}] or used
     grid, grid_note = _grid(file, topics, clocks, used, leading, rate)
-    notes.append(grid_note)
+    notes += [grid_note, *_unread(topics, used)]
     step = float(np.median(np.diff(grid)))
     header, columns, choices = [f"{TIME}"], [grid], {}
     for each in wanted:
@@ -374,7 +429,18 @@ def _grid(
         said += f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > JITTER * step else ""
     if grid.size < 2:
         raise RecordError("the topics share fewer than two samples", where=str(file.path), remedy=f"they cover {spans}")
+    if len(used) == 1:
+        return grid, f"the rows are those of {said}"
     return grid, f"{len(used)} topics are put on one grid, {said}: {', '.join(topics[n].name for n in used)}"
+
+
+def _unread(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
+    """A sentence on topics that have the same columns as those that are read, as the sheets of several runs have."""
+    read = {topics[n].table.header for n in used}
+    others = [topic.name for n, topic in enumerate(topics) if n not in used and topic.table.header in read]
+    shown = ", ".join(others[:6]) + (", ..." if len(others) > 6 else "")
+    have = "has" if len(others) == 1 else "have"
+    return [f"{shown} {have} the same columns as {topics[used[0]].name} and {'is' if len(others) == 1 else 'are'} not read"] if others else []
 
 
 def _on_grid(
@@ -388,13 +454,13 @@ def _on_grid(
     known: Mapping[str, str],
 ) -> tuple[np.ndarray, str, str]:
     """A channel's values on the grid, NaN where an output has no sample, their unit, and how it got there."""
-    raw = wanted.choice.unit is not None
+    unit, unused = _unit_of(wanted, topics, known)
     laid: dict[str, np.ndarray] = {}
     slowest = 0.0
-    notes: list[str] = []
+    notes: list[str] = [unused] if unused else []
     for name, place in wanted.places.items():
         time, rows = clocks[place[0]]
-        values = _numbers(file, topics, place, wanted, si=not raw)[rows]
+        values = _numbers(file, topics, place, wanted, si=unit is None)[rows]
         laid[name], own, said = _laid(time, values, grid + wanted.choice.delay, step, wanted, hold)
         slowest = max(slowest, own)
         notes += [said] if said else []
@@ -403,13 +469,6 @@ def _on_grid(
     if not wanted.is_input and slowest > SAME_RATE * step:
         values = np.where(_nearest(clocks, wanted, grid), values, np.nan)
         notes.append(f"its own samples come every {slowest:.3g} s, the grid's every {step:.3g} s: it has samples only where it was measured")
-    unit = wanted.choice.unit
-    if unit is None and not is_plain_expression(wanted):
-        topic, index = next(iter(wanted.places.values()))
-        said_unit = stated_unit(topics[topic].table, index)
-        inside = inside_unit(wanted.channel, known)
-        if said_unit and not _measures(said_unit, inside):
-            notes.append(f"the unit {said_unit} that the file states is no unit of it and is not used")
     return values, unit if unit is not None else inside_unit(wanted.channel, known), "; ".join(dict.fromkeys(notes))
 
 

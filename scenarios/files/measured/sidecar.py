@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from scenarios.files.channel_names import split_header
 from scenarios.files.declarations import closest
 from scenarios.files.documents import DocumentError, json_value
-from scenarios.files.measured.columns import split_header, suffix_unit
+from scenarios.files.measured.columns import suffix_unit
 from sim.errors import RecordError
 from sim.record import Hold
 

@@ -43,6 +43,9 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "shared": "What each flight says of a shared value by itself, and the common value",
         "over": "Derivatives of all flights over the condition, with the common line and the scatter between flights",
         "flight": "The whole flight: inputs and motion, maneuvers with their numbers, trim points grey",
+        "response": "Magnitude, phase and coherence over frequency, with 95 % bands; grey: outside the usable band",
+        "mismatch": "The estimated response over the fitted one, between the envelopes of dynamics that a pilot does not notice",
+        "bandwidth": "The attitude response with its phase and gain bandwidth and its phase delay, spans of 95 %",
         "watched": "Parameters while the stream arrived",
     }
 )

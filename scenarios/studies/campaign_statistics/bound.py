@@ -8,7 +8,9 @@ than P, and lies P P0 (theta0 - theta) off. Each further pass of a filter starts
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -27,6 +29,8 @@ from sim.truth.flight import Truth
 
 WIDE = 30.0  # priors by which a filter about exact data is told next to nothing
 FILTERS = ("ekf", "ukf")
+_STEP = 1e-4  # of differences, as a share of a parameter
+_LEAST = 1e-10  # of the largest singular value: what differences of flights still resolve
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,3 +139,39 @@ def _passes(data: np.ndarray, prior: np.ndarray, passes: int, spread: float) -> 
         stated = np.sqrt(np.diag(covariance))
         width = np.minimum(prior, spread * stated) if math.isfinite(spread) else prior
     return stated, gain, left
+
+
+def cramer_rao(
+    model: Model, again: Callable[[Model], Record], noise: Mapping[str, float], names: Sequence[str], biased: Mapping[str, float]
+) -> Mapping[str, float]:
+    """The least standard deviation of each of some parameters that any unbiased estimate from one record with white noise can have.
+
+    Slopes are central differences of whole flights, nothing of an estimator. Unknown beside the parameters are where the states begin and a
+    bias of each output in ``biased``, with what is known of it (a standard deviation, or infinity). ``again`` flies a model without noise,
+    ``noise`` has the standard deviations by output.
+    """
+
+    def outputs(changed: Model) -> np.ndarray:
+        record = again(changed)
+        return np.concatenate([record[name].values / std for name, std in noise.items()])
+
+    def slope(moved: Callable[[float], Model], step: float) -> np.ndarray:
+        return (outputs(moved(step)) - outputs(moved(-step))) / (2.0 * step)
+
+    def valued(step: float, name: str) -> Model:
+        return model.with_values({name: model.parameters[name].value + step})
+
+    def started(step: float, name: str) -> Model:
+        return model.with_initial(model.initial.with_values({name: model.initial[name].value + step}))
+
+    columns = [slope(partial(valued, name=name), _STEP * (abs(model.parameters[name].value) or 1.0)) for name in names]
+    columns += [slope(partial(started, name=state.name), _STEP * max(abs(state.value), 1.0)) for state in model.initial]
+    count = len(columns[0]) // len(noise)
+    columns += [np.repeat([(name == each) / std for each, std in noise.items()], count) for name in biased]
+    known = np.diag([*np.zeros(len(columns) - len(biased)), *(1.0 / std for std in biased.values())])
+    jacobian = np.vstack([np.array(columns).T, known])
+    size = np.linalg.norm(jacobian, axis=0)
+    size[size == 0.0] = np.inf  # a state whose start moves nothing
+    # Of the slopes themselves, not of their products, which have half the digits.
+    inverse = np.linalg.pinv(jacobian / size, rcond=_LEAST)
+    return dict(zip(names, (np.linalg.norm(inverse, axis=1) / size)[: len(names)].tolist(), strict=True))

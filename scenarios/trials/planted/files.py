@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from scenarios.diagnosis.report.content import bounded, positive, test_content
-from scenarios.diagnosis.report.files import write_prediction
+from scenarios.diagnosis.report.files import write_diagnosis, write_prediction
+from scenarios.diagnosis.tracing import Tracing
+from scenarios.files.folders import study_folder
 from scenarios.files.own_models import channel_units
 from scenarios.files.versions import versions
-from scenarios.files.writing import write_record
+from scenarios.files.writing import write_json, write_record
+from scenarios.pages.model import Page
 from scenarios.plots.formats import USUAL, Formats
-from scenarios.trials.folder import write_trial
 from scenarios.trials.planted.flights import write_flown
 from scenarios.trials.planted.page import scored_page
 from scenarios.trials.planted.study import Scored, TraceStudy
+
+MAIN = "comparison.json"
 
 
 def write_trace(study: TraceStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
@@ -25,11 +30,31 @@ def write_trace(study: TraceStudy, folder: str | Path, *, figures: Formats = USU
     return write_trial(study.tracing, given, truth_content(study), trace_comparison(study), folder, figures=figures, dressed=dressed)
 
 
+def write_trial(
+    tracing: Tracing,
+    given: Callable[[Path], object],
+    truth: dict[str, Any],
+    comparison: dict[str, Any],
+    folder: str | Path,
+    *,
+    figures: Formats,
+    dressed: Callable[[Page], Page],
+) -> Path:
+    """Write the diagnosis with what ``dressed`` adds to its page, what was ``given`` to the loop (records and vehicle file), the truth and
+    ``comparison.json`` (last); returns the folder."""
+    write_diagnosis(tracing, folder, figures=figures, dressed=dressed)
+    with study_folder(folder, MAIN) as scratch:
+        given(scratch)
+        write_json(scratch / "truth.json", truth)
+        write_json(scratch / MAIN, comparison)
+    return Path(folder)
+
+
 def _write_records(study: TraceStudy, folder: Path) -> None:
     """All three records, the vehicle file, and the prediction of the third record, ``before_CHANNEL`` and ``after_CHANNEL``."""
     write_flown(study.flown, folder)
     write_record(folder, study.flown.test, "test", simulated=True)
-    write_prediction(folder / "test_prediction.csv", study.test.prediction)
+    write_prediction(folder / "test_prediction.csv", study.test.predictions[0])
 
 
 def truth_content(study: TraceStudy) -> dict[str, Any]:
@@ -93,10 +118,10 @@ def _third(study: TraceStudy) -> dict[str, Any]:
         "record": "test.csv",
         "used_in_fit": False,
         "used_to_choose": False,
-        "unit": {name: units.get(name, "") for name in found.prediction.channels},
+        "unit": {name: units.get(name, "") for name in found.predictions[0].channels},
         "before": {"rmse": dict(found.before.rmse)},
         "after": {"rmse": {name: bounded(value) for name, value in found.after.rmse.items()}},
-        "noise_std": {name: value for name, value in study.flown.noise_std.items() if name in found.prediction.channels},
+        "noise_std": {name: value for name, value in study.flown.noise_std.items() if name in found.predictions[0].channels},
         "finite": found.finite,
     }
 

@@ -14,13 +14,14 @@ from sim.declaration.model import Equations, Model, Noise
 from sim.errors import DeclarationError
 
 OWN = "own:"
+TERMS = "scenarios.trials.hidden"  # the package of the terms that scenarios may hide
 CLOSED_LOOP = "x29-"
 BREAKOUT = "input-deadband"
 
 
-def own_terms() -> Mapping[str, Effect]:
-    """The truth's own terms by name."""
-    package = importlib.import_module("scenarios.trials.hidden")
+def own_terms(package_name: str = TERMS) -> Mapping[str, Effect]:
+    """The truth's own terms by name, from the modules of a package."""
+    package = importlib.import_module(package_name)
     names = sorted(module.name for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."))
     modules = [importlib.import_module(name) for name in names]
     return {module.TERM.name: module.TERM for module in modules if hasattr(module, "TERM")}
@@ -55,13 +56,18 @@ def hidden_units(name: str, vehicle: str | Model, where: str) -> Mapping[str, st
     return {item.name: item.unit for item in effect.parameters}
 
 
-def find_term(name: str, equations: Equations, where: str) -> Effect:
-    """A hidden term that acts on these equations; DeclarationError where there is none."""
+def find_term(name: str, equations: Equations, where: str, terms: Mapping[str, Effect] | None = None) -> Effect:
+    """A hidden term that acts on these equations, the truth's own from ``terms`` (None: ``own_terms()``).
+
+    Raises
+    ------
+    DeclarationError : there is none.
+    """
     from sim.effects.library import applies, find_effect
     from sim.errors import ModelError
 
     if name.startswith(OWN):
-        terms = own_terms()
+        terms = own_terms() if terms is None else terms
         if name not in terms or not applies(terms[name], equations):
             raise DeclarationError(f"there is no term {name!r} for {equations.name}", where=f"{where}.name", remedy=f"use one of {', '.join(terms)}")
         return terms[name]

@@ -1,19 +1,13 @@
-"""What the truth says of a diagnosis, on its page; and the page of a campaign of them."""
+"""What the truth says of a diagnosis, on its page."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from scenarios.pages.model import Page, Prose, section
 from scenarios.pages.printed import columns_table, rows_table
-from scenarios.pages.reproduction import now, reproduction
+from scenarios.pages.reproduction import reproduction
 from scenarios.pages.wording import capital, sentence
-from scenarios.plots.page.named import Drawn
-from scenarios.trials.marks.page import marks_sections
-from scenarios.trials.planted.campaign import TraceJudged, marks_of, trace_shares
-from scenarios.trials.planted.campaign_text import SHARES, VERDICTS, expected_line, false_lines, share_rows, verdict_rows
-from scenarios.trials.planted.declaration import TraceScenario
 from scenarios.trials.planted.study import TraceStudy
 from scenarios.trials.planted.text import (
     EFFECTS,
@@ -28,7 +22,6 @@ from scenarios.trials.planted.text import (
     third_headings,
     third_rows,
 )
-from scenarios.trials.repeated import Flown
 
 
 def scored_page(study: TraceStudy, page: Page) -> Page:
@@ -48,28 +41,4 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
     kind = f"Study {scenario.name}: {page.kind}"
     return replace(
         page, title=capital(scenario.title), kind=kind, summary=(*page.summary, scored), sections=(*truth, *page.sections), reproduction=again
-    )
-
-
-def campaign_page(scenario: TraceScenario, done: Flown, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a campaign with the figures ``drawn``: verdicts and shares with their intervals, names, probabilities, sigmas."""
-    judged: Sequence[TraceJudged] = done.found
-    shares, false = trace_shares(judged), false_lines(judged)
-    right = shares["expected"]
-    command = ("flightid", "campaign", scenario.name, "--runs", str(done.ended), "--seed", str(done.root))
-    return Page(
-        title=f"{capital(scenario.title)}: {len(judged)} flights",
-        kind=f"Campaign of {scenario.name}",
-        verdict="false claims" if false else "no false claim",
-        tone="fair" if false else "good",
-        sentence=f"{right.count} of {right.of} flights give the expected answer.",
-        summary=(sentence(expected_line(scenario)),),
-        warnings=tuple(map(sentence, [*false, *([done.failed] if done.failed else [])])),
-        sections=(
-            *section("Verdicts", rows_table("Verdicts with their 95 % intervals", VERDICTS, verdict_rows(judged))),
-            *section("How often the loop is right", rows_table("Shares with their 95 % intervals", SHARES, share_rows(judged))),
-            *marks_sections(marks_of(judged), drawn),
-        ),
-        reproduction=reproduction(command, sentence(done.words)),
-        created=now(),
     )

@@ -143,7 +143,7 @@ def predicted_test(flown: FlownTrace, tracing: Tracing) -> Predicted:
     assert d.trained_before is not None and d.trained_after is not None
     spiked = [name for claim in d.effects if claim.claimed and (name := claim.name.removeprefix(SPIKES)) in inputs]
     record = replace(flown.test, hold=tracing.records[0].hold, name="test.csv")
-    return predict(d.trained_before, d.trained_after, tracing.model, record, spiked)
+    return predict(d.trained_before, d.trained_after, tracing.model, [record], spiked)
 
 
 def grade(expect: Expectation, tracing: Tracing) -> Grade:

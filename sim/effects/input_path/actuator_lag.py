@@ -25,11 +25,13 @@ class ActuatorLag:
     """The surface y follows the recorded command u as y_dot = (u - y)/time_constant, settled at the start.
 
     ``time_constant`` in s, not negative; at zero y = u. The state form is stiff for a lag much shorter than the step.
+    With ``own_name`` the lag belongs to the vehicle's model, and that is the full name of its parameter, shared with other inputs' lags.
     """
 
     signal: str = "elevator"
     unit: str = "rad"
     label: str = ""
+    own_name: str = ""
 
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 40
@@ -62,6 +64,15 @@ class ActuatorLag:
             plausible={"time_constant": (0.0, 0.5 if has_size(self.unit) else SLOWEST)},
             twins=all_labelled(("actuator-second-order",), self.label),
         )
+
+    @property
+    def shared(self) -> bool:
+        """Whether lags of other inputs may have the same parameter."""
+        return bool(self.own_name)
+
+    def rename(self, local: str) -> str:
+        """Full name of a parameter."""
+        return self.own_name or f"{self.name}.{local}"
 
     @property
     def online_states(self) -> tuple[Signal, ...]:

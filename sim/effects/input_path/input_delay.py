@@ -26,7 +26,8 @@ class InputDelay:
     ``delay`` in s, not negative. Before the record's start the first value holds. It has no state form of
     finite order: a filter takes it only with a delay that is held. It commutes with all effects that do not know the time, and
     stands last on the path: a cell that holds part of a jump would else make dead band and rate limit uneven in the delay.
-    With ``own_name`` the delay belongs to the vehicle's model (the low-order equivalent system) and its full name is plain ``delay``.
+    With ``own_name`` the delay belongs to the vehicle's model (the low-order equivalent system, a multirotor) and its full name is plain
+    ``delay``, shared with the delays of other inputs.
     """
 
     signal: str = "elevator"
@@ -61,6 +62,11 @@ class InputDelay:
             plausible={"delay": (0.0, 0.4)},
             twins=all_labelled(("input-recorded-late", "actuator-second-order"), self.label),
         )
+
+    @property
+    def shared(self) -> bool:
+        """Whether delays of other inputs may have the same parameter."""
+        return self.own_name
 
     def rename(self, local: str) -> str:
         """Full name of a parameter."""

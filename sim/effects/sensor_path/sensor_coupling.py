@@ -24,6 +24,7 @@ class SensorCoupling:
 
     name: ClassVar[str] = "sensor-coupling:q"
     channel: ClassVar[str] = "q"
+    outputs_read: ClassVar[tuple[str, ...]] = ("nz",)
     rank: ClassVar[int] = -10
     station: ClassVar[Station] = Station.SENSOR_PATH
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("gain", 0.02, "rad/s/g"),)

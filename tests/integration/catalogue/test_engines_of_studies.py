@@ -126,7 +126,8 @@ def _with_gaps(record: Record) -> Record:
     return replace(record, outputs=tuple(outputs))
 
 
-@pytest.mark.parametrize("model", [each for each in MODELS if each != "loes"])
+# The others have a delay, which a filter on line takes from a fit of the whole record.
+@pytest.mark.parametrize("model", [each for each in MODELS if each not in ("loes", "multirotor")])
 @pytest.mark.parametrize("passes", [1, 3])
 def test_both_engines_agree_to_a_billionth_of_a_sigma_with_missing_samples(model: str, passes: int) -> None:
     case = case_of(model)

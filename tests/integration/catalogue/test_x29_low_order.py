@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ident.banks.delays import DelayBank, run_delay_bank
-from ident.flying_qualities.frequency_response import estimate_response, fit_response
 from ident.flying_qualities.handling_qualities import qualities
+from ident.frequency_response.multitaper import estimate_response, fit_response
 from ident.statistics.differences import compare_estimates
 from ident.statistics.noise_envelope import noise_envelope
 from scenarios.identification.low_order_filter import PAPER_START, SIMULATION_SHARE, loes_filter_system

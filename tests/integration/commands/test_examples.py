@@ -23,9 +23,6 @@ from scenarios.commands.run import documents_of
 from scenarios.diagnosis import diagnose as on_files
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.identification.methods import METHODS
-from scenarios.trials.planted import campaign
-from scenarios.trials.planted.declaration import TraceScenario
-from scenarios.trials.planted.study import Grade
 from tests.integration.command_line import CommandLine
 
 NAMES = [function.__name__.rstrip("_") for functions in COMMANDS.values() for function in functions]
@@ -36,11 +33,6 @@ RECORD = ("--model", "rigid", "--vehicle", "flight_vehicle.toml")
 def one_candidate(records: Any, model: Any, candidates: Sequence[Any], guards: Any, *others: Any) -> Any:
     """The loop with what is hidden as its only candidate: the commands are tried here, not the search."""
     return diagnose(records, model, [each for each in candidates if each.name == "vane-offset"], (), *others)
-
-
-def named_at_once(scenario: TraceScenario, seed: int) -> campaign.TraceJudged:
-    """A flight of a campaign in which all is as it should be."""
-    return campaign.TraceJudged(seed, "traced", Grade.RIGHT, ("vane-offset",), (("vane-offset", True),), ("vane-offset",), (), (("CL_q", True),))
 
 
 def typed(line: str) -> tuple[object, str, str]:
@@ -63,7 +55,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.chdir(tmp_path_factory.mktemp("examples"))
         patch.setattr(on_files, "_loop", lambda: one_candidate)
         patch.setattr(on_files, "_witness", lambda *_: KinematicWitness(None))
-        patch.setattr(campaign, "judge_trace", named_at_once)
         patch.setattr("scenarios.tasks.manner.available_cores", lambda: 1)
         for line in [line for examples in EXAMPLES.values() for line, _ in examples]:
             assert typed(line)[::2] == (0, ""), line
@@ -101,9 +92,8 @@ def test_what_the_help_names_without_loading_it_is_what_there_is() -> None:
 
 def test_the_examples_run(folder: Path) -> None:
     assert content(folder / "fit.json")["schema"] == "flightid/comparison/1"
-    shares = content(folder / "campaign" / "campaign.json")["shares"]
-    assert shares["named"]["of"] == shares["named"]["count"] == 2 and shares["false_claims"]["count"] == 0
-    assert shares["verdict.traced"]["interval"][0] == pytest.approx(0.025**0.5)  # Clopper and Pearson, two of two
+    campaign = content(folder / "campaign" / "campaign.json")
+    assert (campaign["scenario"], campaign["runs"]) == ("ballistic", 20)
 
 
 def test_a_diagnosis_predicts_later_what_it_predicted_at_once(folder: Path) -> None:
@@ -181,7 +171,7 @@ def test_version_and_completion(flightid: CommandLine, monkeypatch: pytest.Monke
         ("effects vane", "vane-offset"),
         ("vehicles bomber_r", "bomber_rigid"),
         ("predi", "predict"),
-        ("campaign clean", "clean-models"),
+        ("campaign ballis", "ballistic"),
     ):
         monkeypatch.setenv("COMP_WORDS", f"flightid {words}")
         monkeypatch.setenv("COMP_CWORD", str(len(words.split())))

@@ -192,3 +192,30 @@ def test_almost_all_cruise_is_said(flightid: CommandLine, searched: Path, tmp_pa
     assert 0.03 < float(said.split("noise in ")[1].split(" %")[0]) / 100.0 < 0.1
     part = identified(flightid, searched, tmp_path / "b", "--maneuver", "pitch-doublet-1")
     assert not any("cruise" in each for each in part["warnings"])
+
+
+def test_a_record_without_a_clock_and_without_a_header(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+    """The same maneuvers at the same times as from the record with both; without the rate one line."""
+    rows = np.loadtxt(folder / "flight.csv", delimiter=",", skiprows=1)
+    header = (folder / "flight.csv").read_text().splitlines()[0].split(",")
+    np.savetxt(tmp_path / "bare.csv", rows[:, 1:], delimiter=",", fmt="%.9g")
+    options = ("--columns", ",".join(name.split(" ")[0] for name in header[1:]))
+    assert "--rate" in flightid.refused("maneuvers", tmp_path / "bare.csv", *options)
+    flightid.done("maneuvers", tmp_path / "bare.csv", *options, "--rate", 20, "--no-figures", "--out", tmp_path / "found")
+    found = json.loads((tmp_path / "found" / "maneuvers.json").read_text())["maneuvers"]
+    wanted = fid.find_maneuvers(folder / "flight.csv").to_dict()["maneuvers"]
+    assert [(each["kind"], each["start"]) for each in found] == [(each["kind"], pytest.approx(each["start"], abs=1e-6)) for each in wanted]
+    columns = {name.split(" ")[0]: column for name, column in zip(header[1:], rows[:, 1:].T, strict=True)}
+    assert len(fid.find_maneuvers(columns, rate=20.0)) == len(wanted)
+
+
+def test_columns_that_look_like_controls_are_said_and_a_drafted_map_reads_them(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+    header, _, rows = (folder / "flight.csv").read_text().partition("\n")
+    recorded = tmp_path / "recorded.csv"
+    recorded.write_text(f"{header.replace('elevator', 'DELV')}\n{rows}")
+    told = flightid.done("maneuvers", recorded)
+    assert "0 maneuvers" in told or "no maneuver" in told or "no input is recorded" in told
+    assert "DELV looks like elevator: not read" in told and "flightid map" in told
+    flightid.done("map", recorded, "--out", tmp_path / "draft")
+    told = flightid.done("maneuvers", recorded, "--channels", tmp_path / "draft" / "channels.toml")
+    assert "2 maneuvers (1 3-2-1-1, 1 doublet)" in told and "looks like" not in told

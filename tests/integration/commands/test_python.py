@@ -163,7 +163,11 @@ WRONG: list[tuple[Callable[[], object], str]] = [
     (lambda: fid.run("rigid", set="flight.rate"), "--set: 'flight.rate' is not key=value"),
     (lambda: fid.simulate("rigit"), "flightid: there is no scenario 'rigit'; did you mean 'rigid'?"),
     (lambda: fid.campaign("rigid", 1), "runs: 1 runs"),
-    (lambda: fid.campaign("false-alarms", 9), "campaign: false-alarms is a campaign of the tracing loop"),
+    (lambda: fid.campaign("false-alarms", 9), "flightid: false-alarms examines the tracing loop; in a checkout of the source"),
+    (lambda: fid.campaign("trace-vane", 9), "campaign: a campaign of trace-vane examines the tracing loop"),
+    (lambda: fid.campaign("x29-flight", 9), "campaign: there is no campaign of a scenario of kind x29"),
+    (lambda: fid.run("standin-one"), "flightid: standin-one examines the tracing loop"),
+    (lambda: fid.simulate("standin-lateral"), "flightid: standin-lateral examines the tracing loop"),
     (lambda: fid.identify([], "rigid"), "records: no record is given"),
     (lambda: fid.identify("r.csv", "rigid", 3), "vehicle: a int is no vehicle"),  # type: ignore[arg-type]
     (lambda: fid.identify({"time": [0.0, 1.0]}, "rigid", {}, channels=3), "channels: a int is no channel map"),  # type: ignore[arg-type]

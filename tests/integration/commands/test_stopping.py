@@ -26,8 +26,8 @@ PATIENCE = 25.0  # s, on the busiest machine; the flights below would take a min
 # Flights of which the first two end at once and the others take a minute; the file says that one of these has begun.
 CAMPAIGN = """
 import time, pathlib, sys
-from scenarios.cli import main
-from scenarios.trials.planted import campaign
+from exam.__main__ import main
+from exam.hidden_effects import campaign
 from scenarios.trials.planted.study import Grade
 
 flown = []
@@ -41,6 +41,27 @@ def judged(scenario, seed):
     return campaign.TraceJudged(seed, "traced", Grade.RIGHT, ("vane-offset",), (("vane-offset", True),), ("vane-offset",), (), ())
 
 campaign.judge_trace = judged
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+# The same of runs of an estimator, one in a block.
+ESTIMATOR = """
+import time, pathlib, sys
+from scenarios.cli import main
+from scenarios.studies.runs import work
+
+plain, begun = work.EstimatorRuns.run, []
+
+def run(self, tasks):
+    begun.append(tasks)
+    if len(begun) > 2:
+        time.sleep(1.0)
+        pathlib.Path("begun").write_text("")
+        time.sleep(60)
+    return plain(self, tasks)
+
+work.EstimatorRuns.run, work.EstimatorRuns.block = run, 1
 main(sys.argv[1:])
 """
 
@@ -68,10 +89,21 @@ def stopped(code: str, folder: Path, *arguments: str) -> tuple[int, str, str]:
 
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="signals of a terminal")
 def test_a_campaign_keeps_the_table_of_the_flights_that_had_ended(tmp_path: Path) -> None:
-    code, out, err = stopped(CAMPAIGN, tmp_path, "campaign", "trace-vane", "--runs", "9", "--seed", "1", "--jobs", "1", "--out", "kept")
+    code, out, err = stopped(CAMPAIGN, tmp_path, "hidden-effects", "trace-vane", "--runs", "9", "--seed", "1", "--jobs", "1", "--out", "kept")
     kept = "the table of the 2 of 9 flights that had ended is in kept; the same command with --resume goes on"
-    assert (code, err) == (130, f"flightid: stopped; {kept}\n")
+    assert (code, err) == (130, f"python -m exam hidden-effects: stopped; {kept}\n")
     assert "stopped after 2 of 9, seeds from 1" in out
+    content = json.loads((tmp_path / "kept" / "campaign.json").read_text())
+    assert (content["runs"], content["asked"], content["seed"]) == (2, 9, 1)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["begun", "kept"]
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="signals of a terminal")
+def test_a_campaign_of_an_estimator_keeps_the_runs_that_had_ended(tmp_path: Path) -> None:
+    words = ("campaign", "ballistic", "--runs", "9", "--seed", "1", "--jobs", "1", "--out", "kept")
+    code, _, err = stopped(ESTIMATOR, tmp_path, *words)
+    kept = "the table of the 2 of 9 runs that had ended is in kept; the same command with --resume goes on"
+    assert (code, err) == (130, f"flightid: stopped; {kept}\n")
     content = json.loads((tmp_path / "kept" / "campaign.json").read_text())
     assert (content["runs"], content["asked"], content["seed"]) == (2, 9, 1)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["begun", "kept"]

@@ -17,7 +17,7 @@ from scenarios.cli.application import COMMANDS
 from scenarios.studies.scenario_file import schema
 from tests.integration.command_line import CommandLine
 from tests.integration.documents.snippets import DOCUMENTS, MOST_NOT_RUN, NOT_RUN, ROOT, SLOW, Reader, blocks, is_run, name_of, snippets, why_not_run
-from tests.recorders.flights import write_all
+from tests.recorders import flights, quadrotor
 
 RECORDERS = "docs/how-to/your-recorder.md"  # its logs are made here, as no reader can type one
 LINK = re.compile(r"\]\(([^)#\s]+)\)")
@@ -42,7 +42,8 @@ def test_commands_do_what_the_document_shows(
     for folder in ("docs", "labs"):
         (tmp_path / folder).symlink_to(ROOT / folder)
     if name_of(path) == RECORDERS:
-        write_all(tmp_path)
+        flights.write_all(tmp_path)
+        quadrotor.write_all(tmp_path)
     reader = Reader(flightid)
     reader.follow(path)
     assert reader.lines or not any(kind == "text" for kind, _ in blocks(path))

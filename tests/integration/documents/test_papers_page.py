@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
+from exam.reproduction.command import PAGE, make, written
+from exam.reproduction.declaration import PAPERS, Paper, paper_of
+from exam.reproduction.lookups import Found, from_file, kept_text, split
+from exam.reproduction.page import WIDTH
+from exam.reproduction.running import scenarios_of
 from scenarios.studies.catalogue import load_document, scenario_names
-from scenarios.trials.reproduction.__main__ import PAGE, make, written
-from scenarios.trials.reproduction.declaration import PAPERS, Paper, paper_of
-from scenarios.trials.reproduction.lookups import Found, from_file, kept_text, split
-from scenarios.trials.reproduction.page import WIDTH
-from scenarios.trials.reproduction.running import scenarios_of
 from sim.errors import DeclarationError
 from tests.oracles import papers_print as print_
 from tests.oracles.printed_tables import numbers_of, one_line, section
@@ -76,8 +76,8 @@ def values(name: str) -> Iterator[tuple[str, str, str, str]]:
 def test_the_page_is_what_its_numbers_make_of_it() -> None:
     """A word, a row or a reason that changes in a declaration, and a page that was not made again, are found here."""
     text, asked = written(from_file((ROOT / PAGE).with_suffix(".json")))
-    assert text == page(), "python -m scenarios.trials.reproduction --kept"
-    assert asked.keys() == kept().keys(), "make the page again: python -m scenarios.trials.reproduction"
+    assert text == page(), "python -m exam papers-page --kept"
+    assert asked.keys() == kept().keys(), "make the page again: python -m exam papers-page"
 
 
 @pytest.mark.parametrize("name", PAPERS)

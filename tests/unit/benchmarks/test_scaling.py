@@ -57,7 +57,7 @@ def test_two_jobs_are_held_against_one(tmp_path: Path, monkeypatch: pytest.Monke
 
     monkeypatch.setattr(processes, "measured", as_if)
     table = processes.jobs(Pace(), tmp_path, quiet)
-    assert [row[0] for row in table.rows] == [f"`campaign {name} --runs {runs}`" for name, runs, _, _ in processes.STUDIES]
+    assert [row[0] for row in table.rows] == [f"`{name} --runs {runs}`" for name, _, runs, _, _ in processes.STUDIES]
     assert all(row[1] == "8 s" and row[2] == "4 s" and row[3].startswith("2") for row in table.rows)
 
 

@@ -218,6 +218,25 @@ def test_a_control_that_moves_much_more_leads() -> None:
     assert [each for each in both if each.axis == "roll"] == []
 
 
+@pytest.mark.parametrize(("pause", "kinds"), [(0.6, ["doublet"]), (3.0, ["pulse", "pulse"])])
+def test_a_doublet_may_pause_between_its_halves(pause: float, kinds: list[str]) -> None:
+    """By no more than the shorter half lasts: two pulses that are further apart are two maneuvers."""
+    times, rudder = quiet(120.0, 8)
+    rudder = rudder + pulse(0.02, 1.2, 60.0)(times) - pulse(0.015, 0.9, 61.2 + pause)(times)
+    found = [each for each in find_maneuvers(Signals(times, {"rudder": rudder}, {})) if each.kind != "trim"]
+    assert [each.kind for each in found] == kinds
+    assert [found[0].start, found[-1].end] == pytest.approx([60.0, 62.1 + pause], abs=0.2)
+
+
+@pytest.mark.parametrize("control", ["thrust", "elevator"])
+def test_a_ramp_is_no_trim_point(control: str) -> None:
+    times, values = quiet(300.0, 5)
+    values = values + 0.1 * np.clip((times - 100.0) / 60.0, 0.0, 1.0)
+    found = find_maneuvers(Signals(times, {control: values}, {}))
+    assert all(each.end < 110.0 or each.start > 150.0 for each in found if each.kind == "trim")
+    assert sum(each.end - each.start for each in found if each.kind == "trim") > 200.0
+
+
 @pytest.mark.parametrize("control", ["thrust", "elevator"])
 def test_a_step_that_is_not_taken_back(control: str) -> None:
     """A sharp change to another level that lasts is a step; the same change within twenty seconds is a new trim."""

@@ -218,3 +218,16 @@ def test_a_measured_bank_angle_is_neither_stuck_nor_of_changing_noise(name: str)
     outputs = tuple(Channel.of(channel, "rad", np.radians(table[:, column])) for channel, column in (("p", 6), ("r", 8), ("phi", 9), ("beta", 13)))
     record = Record(table[:, 0], (Channel.of("rudder", "rad", np.radians(table[:, 29])),), outputs)
     assert all(one.certainty is Certainty.NOTED for one in inspect(record)), [(one.channel, one.sentence) for one in inspect(record)]
+
+
+@pytest.mark.parametrize("name", ["fAttasAil1", "fAttasRud1", "fAttasAilRud2"])
+def test_a_measured_angle_of_attack_brought_to_the_center_of_gravity_is_not_held(name: str) -> None:
+    """Its converter's count repeats by chance, in 6 to 10 % of the samples where it rests and never where it moves fast."""
+    path = SHARED / "flightdata" / "aircraft" / f"{name}.mat"
+    if not path.is_file():
+        pytest.skip("the measured record is not here")
+    content = scipy.io.loadmat(path)
+    table = next(value for key, value in content.items() if not key.startswith("_"))[:751]
+    outputs = tuple(Channel.of(channel, "rad", np.radians(table[:, column])) for channel, column in (("p", 6), ("q", 7), ("alpha", 12)))
+    aileron = Channel.of("aileron", "rad", np.radians(table[:, 27] - table[:, 28]))
+    assert all(one.certainty is Certainty.NOTED for one in inspect(Record(table[:, 0], (aileron,), outputs)))

@@ -206,3 +206,17 @@ def test_a_sample_is_masked_once_by_whatever_comes_first(sound: Record) -> None:
     told = [one for one in inspect(twice) if one.mask.size]
     assert {one.kind for one in told} == {Kind.DROPOUT, Kind.STUCK}
     assert np.count_nonzero(np.logical_or.reduce([one.mask for one in told])) == sum(one.count for one in told)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.12])
+def test_counts_of_a_converter_behind_a_slow_correction_repeat_by_chance(*, lost: float) -> None:
+    """A coarse converter whose counts a slow, coarse correction shifts has no exact least bit; rows without an update repeat whatever they are."""
+    rng, time = np.random.default_rng(4), np.arange(750) * 0.04
+    angle = 2.2 + 0.5 * np.sin(0.8 * time) * (time > 6.0) * (time < 14.0) + 0.005 * rng.standard_normal(time.size)
+    bit = 0.0083 if lost == 0.0 else 0.0001
+    values = bit * np.round(angle / bit) + 0.0012 * np.round(np.sin(1.3 * time) + 0.3 * rng.standard_normal(time.size))
+    for k in np.flatnonzero(rng.random(time.size - 1) < lost) + 1:
+        values[k] = values[k - 1]
+    channel = Channel.of("alpha", "rad", np.radians(values))
+    told = [one.kind for one in inspect(Record(time, (), (channel,))) if one.certainty is Certainty.COSTS_INFORMATION]
+    assert told == ([Kind.HELD] if lost else [])

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from exam.coverage.independent_flights import flown
 from ident.estimate import Outcome
 from ident.regression.equation_error import RegressionSettings, run_equation_error
 from ident.regression.local_polynomial import half_width_by_cross_validation, smoothed, windows
 from ident.regression.state_histories import rate_relations
 from ident.whole_record.output_error import fit_output_error
-from scenarios.trials.coverage.independent_flights import flown
 from sim.declaration.compile import compile_model
 from sim.declaration.parameters import ParameterSet
 from sim.effects.dynamics.structural_mode import StructuralMode

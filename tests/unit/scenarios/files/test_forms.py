@@ -13,9 +13,13 @@ from scenarios.files.formats.cells import numbers
 from scenarios.files.formats.registry import readers
 from scenarios.files.measured.record_file import read_record_file, with_names
 from scenarios.files.records import read_record
-from tests.recorders.forms import FORMS, record
+from sim.errors import RecordError
+from tests.recorders.forms import DATAFLASH_UNITS, FORMS, dataflash_messages, record
+from tests.recorders.logs import write_dataflash, write_dataflash_text
 
 LIBRARIES = {"hdf5": "h5py", "mat 7.3": "h5py", "mdf": "asammdf", "tdms": "nptdms", "ulog": "pyulog", "dataflash": "pymavlink"}
+LIBRARIES |= {name: "h5py" for name in FORMS if name.startswith(("hdf5", "mat 7.3"))}
+LIBRARIES |= {"dataflash text": "pymavlink"}
 LIBRARIES |= {"excel": "python_calamine", "ods": "odf"}
 
 
@@ -30,6 +34,58 @@ def test_the_same_record_in_every_form(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(found.time - found.time[0], columns["time"], rtol=0, atol=max(form.tolerance, 1e-9))
     for channel in found.channels:
         np.testing.assert_allclose(channel.with_gaps(), columns[channel.name], rtol=1e-12, atol=form.tolerance, err_msg=channel.name)
+
+
+@pytest.mark.parametrize(("mark", "before", "suffix"), [(", ", "", ".log"), (",", "", ".csv"), (", ", "Log 5, read by a ground station\n\n", ".bin")])
+def test_a_text_log_is_the_binary_log(tmp_path: Path, mark: str, before: str, suffix: str) -> None:
+    pytest.importorskip("pymavlink")
+    messages = dataflash_messages(record(50))
+    binary = read_record_file(write_dataflash(tmp_path / "twin.bin", messages, DATAFLASH_UNITS)).topics
+    path = write_dataflash_text(tmp_path / f"record{suffix}", messages, DATAFLASH_UNITS, before=before, mark=mark)
+    text = read_record_file(path).topics
+    assert [topic.name for topic in text] == [topic.name for topic in binary] == ["AOA", "IMU[0]", "IMU[1]", "RCOU"]
+    for one, other in zip(text, binary, strict=True):
+        assert (one.table.header, one.table.units) == (other.table.header, other.table.units)
+        for index in range(len(one.table.header)):
+            assert numbers(one.table, index).values.tobytes() == numbers(other.table, index).values.tobytes()
+
+
+def test_units_with_multipliers_are_alike_in_both_logs(tmp_path: Path) -> None:
+    pytest.importorskip("pymavlink")
+    messages = {"BARO": {"TimeUS": 1e4 * np.arange(5), "Alt": 100.0 * np.arange(5), "Up": 1.0 * np.arange(5)}}
+    units, factors = {"BARO": "smm"}, {"BARO": "FB-"}
+    for write, name in ((write_dataflash, "log.bin"), (write_dataflash_text, "log.log")):
+        file = read_record_file(write(tmp_path / name, messages, units, factors))
+        assert dict(zip(file.table.header, file.table.units, strict=True)) == {"TimeUS": "us", "Alt": "cm", "Up": "m"}
+
+
+def test_a_text_log_with_lines_cut_is_read_less_these(tmp_path: Path) -> None:
+    pytest.importorskip("pymavlink")
+    path = write_dataflash_text(tmp_path / "record.log", dataflash_messages(record(50)), DATAFLASH_UNITS)
+    text = path.read_text().splitlines()
+    text[-1] = text[-1][: text[-1].rindex(",")]  # the flight's last line, RCOU, without its last cell
+    path.write_text("\n".join([*text, "garbage", "IMU", "FMT, 7"]))
+    file = read_record_file(path)
+    assert {topic.name: topic.table.rows.size for topic in file.topics} == {"AOA": 50, "IMU[0]": 50, "IMU[1]": 50, "RCOU": 49}
+    assert "RCOU: 1 line of RCOU with another number of cells than its format left out" in file.notes
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("FMT, 1, 12, IMU, QdX, TimeUS,GyrX,GyrY", "not a readable ArduPilot DataFlash file"),
+        ("FMT, one, 12, IMU, Qd, TimeUS,GyrX", "not a readable ArduPilot DataFlash file"),
+        ("IMU, 1, 2", "no column of numbers is in the file"),
+        ("FMT, 1, 12, IMU, Qd, TimeUS,GyrX\nIMU, yes, no", "no column of numbers is in the file"),
+    ],
+)
+def test_a_text_log_that_cannot_be_read_is_refused(tmp_path: Path, wrong: str, said: str) -> None:
+    pytest.importorskip("pymavlink")
+    path = tmp_path / "record.log"
+    path.write_text(f"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n{wrong}\n")
+    with pytest.raises(RecordError, match=said) as refused:
+        read_record_file(path)
+    assert "\n" not in str(refused.value)
 
 
 def test_every_format_has_a_form() -> None:

@@ -11,7 +11,7 @@ from scenarios.files.channels import ColumnChoice, read_channel_map
 from scenarios.files.records import read_record, read_with_notes
 from sim.errors import RecordError
 from sim.record import Hold
-from tests.recorders.logs import write_ulog
+from tests.recorders.logs import write_dataflash, write_ulog
 
 pytest.importorskip("pyulog")
 MAP = {"elevator": ColumnChoice("servo.position"), "q": ColumnChoice("gyro.rate[1]"), "alpha": ColumnChoice("vane.angle")}
@@ -101,6 +101,46 @@ def test_a_map_computes(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["theta"].values, 2.0 * np.sin(time - 0.1), rtol=1e-12)
     mixed = {"elevator": ColumnChoice("0.5*(pwm(right_pwm, 1510, 480) - pwm(left_pwm, 1500, 480))"), "q": ColumnChoice("gyro")}
     np.testing.assert_allclose(read_record(path, ["elevator"], ["q"], mixed)["elevator"].values, elevator, atol=1e-12)
+
+
+def test_a_channel_that_is_not_there_and_a_field_of_zeros(tmp_path: Path) -> None:
+    stamps = np.arange(0.0, 4e6, 2e4)
+    topics = {
+        "a": {"timestamp": stamps, "q": np.sin(1e-6 * stamps), "alpha": np.cos(1e-6 * stamps)},
+        "b": {"timestamp": stamps, "airspeed": 0.0 * stamps, "theta": 0.0 * stamps + 0.1},
+    }
+    log = write_ulog(tmp_path / "log.ulg", topics)
+    channels = ("q", "alpha", "airspeed", "theta")
+    assert read_record(log, (), (), {"q": ColumnChoice("a.q")}, optional=channels).output_names == ("q", "alpha", "theta")
+    (tmp_path / "map.toml").write_text('q = "a.q"\nalpha = false\n')
+    chosen = read_channel_map(tmp_path / "map.toml")
+    assert read_record(log, (), (), chosen, optional=channels).output_names == ("q", "theta")
+    table = tmp_path / "run.csv"
+    table.write_text("time,elevator,alpha,q\n0,0,1,2\n1,0,1,2\n2,1,1,2\n")
+    assert read_record(table, ["elevator"], ["alpha", "q"], chosen | {"q": ColumnChoice("q")}).output_names == ("q",)
+    with pytest.raises(RecordError, match="no column 'elevator'"):
+        read_record(table, ["elevator"], ["q"], {"elevator": ColumnChoice("")})
+
+
+def test_one_rule_chooses_the_unit_of_a_column_in_a_table_and_in_a_log(tmp_path: Path) -> None:
+    pytest.importorskip("pymavlink")
+    stamps = np.arange(0.0, 4e6, 2e4)
+    values = np.sin(1e-6 * stamps)
+    messages = {"A": {"TimeUS": stamps, "deg": np.degrees(values), "odd": values}, "B": {"TimeUS": stamps, "x": values}}
+    log = write_dataflash(tmp_path / "log.bin", messages, {"A": "sdo"})
+    choices = {"elevator": ColumnChoice("B.x"), "alpha": ColumnChoice("A.deg"), "q": ColumnChoice("A.odd")}
+    record, notes = read_with_notes(log, ["elevator"], ["alpha", "q"], choices)
+    np.testing.assert_allclose(record["alpha"].values, values, atol=1e-12)
+    np.testing.assert_allclose(record["q"].values, values, atol=1e-12)  # "m/s/s" is no unit of a rate: the numbers stay
+    assert any("q: the unit m/s2 that the file states is no unit of it and is not used" in note for note in notes)
+    table = tmp_path / "run.csv"
+    rows = [f"{1e-6 * t},{v},{np.degrees(v)},{v}" for t, v in zip(stamps.tolist(), values.tolist(), strict=True)]
+    table.write_text("\n".join(["time,elevator,AoA [deg],rate [m/s2]", *rows]))
+    found = read_record(table, ["elevator"], ["alpha"], {"alpha": ColumnChoice(3)})
+    np.testing.assert_allclose(found["alpha"].values, values, atol=1e-12)
+    for column in (4, "rate"):  # somebody wrote that unit: by number as by name
+        with pytest.raises(RecordError, match="does not measure"):
+            read_record(table, ["elevator"], ["q"], {"q": ColumnChoice(column)})
 
 
 @pytest.mark.parametrize(

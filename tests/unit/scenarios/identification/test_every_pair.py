@@ -15,16 +15,18 @@ REFUSED = {
     ("loes", "ukf"): "a pure delay has no unscented filter here; use ekf",
     ("loes", "equation-error"): "output alpha shows more than state alpha; .* use output-error",
     ("ballistic", "frequency-domain"): "it has no input, to which a frequency response could be; use output-error",
+    ("multirotor", "frequency-domain"): "actuator-lag:roll_command, .* act on the input or sensor path; use output-error",
     ("longitudinal", "frequency-domain"): "the rate of airspeed is no linear function of states and inputs: .*; use output-error",
 }
 # Still air has no process noise: its size ends at nothing, which no record determines; the rest of the estimate is sound and the caution says so.
 NOTHING_TO_FIND = {("ballistic", "filter-error"), ("own", "filter-error")}
 QUICK = ("output-error", "frequency-domain")
+QUICK_PAIRS = [("multirotor", "equation-error")]
 COVERED = ("lateral", "longitudinal")  # by tests/unit/scenarios/identification/test_whole_axes.py, in the default suite
 DEAR = ("flexible",)
 PAIRS = [(model, method) for model in MODELS for method in METHODS]
 SERVED = [
-    pytest.param(*pair, marks=() if pair[1] in QUICK and pair[0] not in (*COVERED, *DEAR) else pytest.mark.slow)
+    pytest.param(*pair, marks=() if pair in QUICK_PAIRS or (pair[1] in QUICK and pair[0] not in (*COVERED, *DEAR)) else pytest.mark.slow)
     for pair in PAIRS
     if pair not in REFUSED
 ]

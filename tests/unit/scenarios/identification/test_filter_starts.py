@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from exam.coverage.estimators import write_flight
+from exam.coverage.independent_flights import flown, maneuver, motion
 from ident.estimate import Outcome
 from ident.filters.iterated_ekf import settled
 from scenarios.identification.cautions import cautions_of
@@ -19,8 +21,6 @@ from scenarios.identification.methods import LEAST_NOISE
 from scenarios.identification.result import Identification
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.request import Request
-from scenarios.trials.coverage.estimators import write_flight
-from scenarios.trials.coverage.independent_flights import flown, maneuver, motion
 from sim.errors import RecordError
 from sim.record import Hold, Record
 from tests.every_model import Case, case_of
@@ -128,3 +128,13 @@ def test_linear_algebra_that_fails_is_one_line_on_the_record(monkeypatch: pytest
     case = case_of("rigid")
     with pytest.raises(RecordError, match=f"the linear algebra of {method} fails on it .*use another --method"):
         identify(case.record, case.vehicle, method)
+
+
+def test_filter_error_settles_where_biases_are_hardly_known(tmp_path: Path) -> None:
+    """In still air the intensity of gusts is at its bound, and steps along biases stay long while the likelihood no longer changes."""
+    flight = flown("lateral", "white", 6)
+    record, vehicle = write_flight(tmp_path, flight)
+    found = identify_files(Request((record,), "lateral", vehicle, plan=Plan(hold=Hold.PREVIOUS)), "filter-error").found.estimate
+    assert found.outcome is Outcome.CONVERGED
+    off = [(found.value(name) - true) / found.sigma(name) for name, true in flight.true.items() if name in found.names]
+    assert np.max(np.abs(off)) < 4.0

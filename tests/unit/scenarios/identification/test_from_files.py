@@ -42,7 +42,7 @@ class Spy:
     holds: list[Hold | None] = field(default_factory=list)
     asked: list[Options] = field(default_factory=list)
 
-    def __call__(self, _vehicle: Any, _method: str, _files: Any, _choices: Any, plan: Plan, asked: Options) -> Any:
+    def __call__(self, _vehicle: Any, _method: str, _files: Any, _choices: Any, plan: Plan, asked: Options, _opening: Any) -> Any:
         self.holds.append(plan.hold)
         self.asked.append(asked)
         found = Found(SimpleNamespace(inputs=self.inputs, hold=plan.hold or Hold.PREVIOUS))

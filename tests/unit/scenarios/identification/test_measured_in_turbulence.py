@@ -131,6 +131,33 @@ def unstable_in_a_loop(seed: int) -> pd.DataFrame:
     return pd.DataFrame(np.round(rows, 6), columns=["time", "elevator", "az", "w", "q"])
 
 
+def rolling(outputs: dict[str, float], idle: bool = False) -> Model:
+    """Roll alone; each output is the roll rate times a factor. ``idle``: with a parameter that acts nowhere."""
+    values = {"L_p": (-1.5, "1/s"), "L_da": (6.0, "1/s2"), **({"L_idle": (1.0, "1/s2")} if idle else {})}
+    return own_model(
+        name="roll",
+        states={"p": "rad/s"},
+        inputs={"aileron": "rad"},
+        outputs=dict.fromkeys(outputs, "rad/s"),
+        parameters=values,
+        rates=lambda s, p: {"p": p.L_p * s.p + p.L_da * s.aileron + (0.0 * p.L_idle if idle else 0.0)},
+        readings=lambda s, p: {name: factor * s.p for name, factor in outputs.items()},
+        biases=(),
+    )
+
+
+def rolled(noise: float, forcing: float) -> pd.DataFrame:
+    """A roll with white noise on its acceleration, and its rate by one sensor that is written into two columns."""
+    rng, dt, fine, p, rows = np.random.default_rng(2), 0.02, 10, 0.0, []
+    for k in range(500):
+        aileron = 0.1 * np.sign(np.sin(1.7 * k * dt))
+        measured = p + noise * rng.standard_normal()
+        rows.append([k * dt, aileron, measured, 2.0 * measured])
+        for _ in range(fine):
+            p += dt / fine * (-2.0 * p + 8.0 * aileron) + np.sqrt(dt / fine) * forcing * rng.standard_normal()
+    return pd.DataFrame(rows, columns=["time", "aileron", "p", "p_copy"])
+
+
 def off(found: flightid.Identification, truth: dict[str, float]) -> dict[str, float]:
     """By how many of its sigmas each value is off."""
     return {name: (found[name].value - value) / found[name].sigma for name, value in truth.items()}
@@ -140,8 +167,18 @@ def begun(truth: dict[str, float], factor: float = 0.7) -> dict[str, float]:
     return {name: factor * value for name, value in truth.items()}
 
 
+def outcome(found: flightid.Identification) -> Outcome:
+    result: Outcome = found.details.found.estimate.outcome
+    return result
+
+
+def said_unstable(found: flightid.Identification) -> bool:
+    """Whether a caution says that the model is unstable and names the method for it."""
+    return any("the model is unstable at the estimate" in text and "--method filter-error" in text for text in found.warnings)
+
+
 def settled(found: flightid.Identification) -> bool:
-    return found.details.found.estimate.outcome is Outcome.CONVERGED
+    return outcome(found) is Outcome.CONVERGED
 
 
 def test_process_noise_without_measurement_noise_is_no_degenerate_fit() -> None:
@@ -158,12 +195,33 @@ def test_an_unstable_aircraft_whose_sensors_have_no_noise() -> None:
     record, model = unstable_in_a_loop(4), short_period(begun(UNSTABLE))
     plain = flightid.identify(record, model, hold="linear")
     assert any("--method filter-error" in note for note in plain.details.found.notes)
+    assert said_unstable(plain), "a faint forcing that the loop answers is not in its sigmas"
     found = flightid.identify(record, model, method="filter-error", hold="linear")
-    assert settled(found)
+    assert settled(found) and not said_unstable(found)
     for name in ("Z_w", "Z_q", "Z_de"):
         assert found[name].value == pytest.approx(UNSTABLE[name], rel=1e-4), name
     moments = {name: UNSTABLE[name] for name in ("M_w", "M_q", "M_de")}
     assert np.max(np.abs(list(off(found, moments).values()))) < 4.0
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.0])
+def test_a_channel_recorded_twice_is_degenerate(noise: float) -> None:
+    """A filter that follows one column meets both: two outputs met exactly say no more of the derivatives than one."""
+    both = flightid.identify(rolled(noise, 0.05), rolling({"p": 1.0, "p_copy": 2.0}), method="filter-error", hold="previous")
+    assert outcome(both) is Outcome.DEGENERATE
+    assert any("values and sigmas mean nothing" in caution for caution in both.details.found.cautions)
+
+
+def test_process_noise_that_takes_all_of_an_output_is_degenerate() -> None:
+    swallowed = flightid.identify(rolled(0.0, 0.05), rolling({"p": 1.0}), method="filter-error", hold="previous")
+    assert outcome(swallowed) is Outcome.DEGENERATE
+    sound = flightid.identify(rolled(0.02, 0.05), rolling({"p": 1.0}), method="filter-error", hold="previous")
+    assert settled(sound) and np.max(np.abs(list(off(sound, {"L_p": -2.0, "L_da": 8.0}).values()))) < 3.0
+
+
+def test_a_parameter_that_acts_nowhere_is_not_identifiable_with_a_filter() -> None:
+    found = flightid.identify(rolled(0.02, 0.05), rolling({"p": 1.0}, idle=True), method="filter-error", hold="previous")
+    assert outcome(found) is Outcome.NOT_IDENTIFIABLE
 
 
 def measured(name: str, columns: dict[str, int]) -> pd.DataFrame:
@@ -189,7 +247,10 @@ def test_the_simulated_lateral_record_with_process_noise() -> None:
 
 
 def test_the_simulated_unstable_record() -> None:
+    """Its elevator was held at the mean of two samples, neither at the first nor on a line: a free simulation doubles that error every second."""
     record = measured("unStabAC_sim.asc", {"elevator": 5, "w": 3, "q": 4, "az": 6})
+    plain = flightid.identify(record, short_period(begun(UNSTABLE)))
+    assert np.max(np.abs(list(off(plain, UNSTABLE).values()))) > 100.0 and said_unstable(plain)
     found = flightid.identify(record, short_period(begun(UNSTABLE)), method="filter-error")
     assert settled(found)
     assert np.max(np.abs(list(off(found, UNSTABLE).values()))) < 3.0

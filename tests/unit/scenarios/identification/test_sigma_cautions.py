@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pandas as pd
 import pytest
 
 import flightid
-from scenarios.identification.sigma_cautions import FILTER_ERROR, LOST_ROWS, SHORT_IN_GUSTS, lost_rows
-from scenarios.trials.coverage.independent_flights import flown
+from exam.coverage.independent_flights import flown
+from ident.estimate import Estimate
+from ident.statistics.residuals import ResidualTest
+from scenarios.identification import sigma_cautions
+from scenarios.identification.sigma_cautions import FILTER_ERROR, LOST_ROWS, SHORT_IN_GUSTS, disturbed_outputs, lost_rows
 from sim.record import Channel, Record
 
 
@@ -24,8 +30,9 @@ def cautions(method: str, noise: str, run: int = 0) -> list[str]:
 @pytest.mark.parametrize("noise", ["markov-gusts", "dryden-gusts"])
 def test_gusts_are_cautioned_with_their_factor(method: str, noise: str) -> None:
     (said,) = cautions(method, noise)
-    factor, held = SHORT_IN_GUSTS[method]
-    assert f"sigmas of {method} are up to {factor:g} times too small" in said and f"{100 * held:.0f} %" in said
+    factor, worst, held = SHORT_IN_GUSTS[method]
+    assert 1.0 < factor < worst and f"sigmas of {method} are {factor:g} times too small" in said
+    assert f"up to {worst:g} times" in said and f"{100 * held:.0f} %" in said
 
 
 @pytest.mark.parametrize("method", sorted(SHORT_IN_GUSTS))
@@ -67,3 +74,18 @@ def test_one_long_gap_and_jittered_times_are_no_lost_rows() -> None:
     channel = Channel.of("q", "rad/s", rng.standard_normal(400))
     record = Record(time, (), (channel,))
     assert lost_rows([record]) == pytest.approx(1 / 399)
+
+
+@pytest.mark.parametrize(("noise", "proposed"), [("markov-gusts", True), ("dryden-gusts", True), ("ar1", False), ("white", False)])
+def test_filter_error_is_proposed_in_gusts_and_not_for_coloured_noise_of_each_sensor(noise: str, *, proposed: bool) -> None:
+    flight = flown("rigid", noise, 1)
+    vehicle = {**flight.vehicle, "derivatives": dict(flight.start)}
+    found = flightid.identify(pd.DataFrame(flight.columns), "rigid", vehicle, hold="previous")
+    assert any("--method filter-error" in note for note in found.details.found.notes) == proposed
+
+
+def test_an_output_that_fails_two_tests_is_named_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sigma_cautions, "_moved_together", lambda records, estimate: True)
+    estimate = cast(Estimate, SimpleNamespace(method="output-error", output_names=("alpha", "q")))
+    tests = [ResidualTest(kind, name, 1.0, 1e-9, "") for name in ("alpha", "q") for kind in ("whiteness", "size")]
+    assert disturbed_outputs([], estimate, tests) == ("alpha", "q")

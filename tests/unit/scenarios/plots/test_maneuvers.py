@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from ident.maneuver_detection import Maneuver
 from scenarios.plots.maneuvers import BINS, envelope, figure_flight
@@ -30,19 +31,32 @@ def test_few_samples_are_drawn_as_they_are() -> None:
     assert all(np.array_equal(got, wanted) for got, wanted in zip(envelope(times, values), (times, values, values), strict=True))
 
 
-def test_the_figure() -> None:
-    times = np.r_[np.arange(0.0, 100.0, 0.1), np.arange(200.0, 300.0, 0.1)]
+def drawn(pause: float) -> Figure:
+    """Two parts of 100 s with a pause between them, and a maneuver on either side."""
+    times = np.r_[np.arange(0.0, 100.0, 0.1), np.arange(0.0, 100.0, 0.1) + 100.0 + pause]
     outputs = tuple(Channel.of(name, unit, np.sin(times)) for name, unit in (("elevator", "rad"), ("phi", "rad"), ("nz", "g")))
     found = [
         Maneuver(20.0, 30.0, "pitch", "doublet", "elevator", 0.1),
-        Maneuver(40.0, 60.0, "roll", "turn", "phi", 0.5),
-        Maneuver(220.0, 260.0, "all", "trim", "", 0.0),
+        Maneuver(140.0 + pause, 160.0 + pause, "roll", "turn", "phi", 0.5),
+        Maneuver(120.0 + pause, 130.0 + pause, "all", "trim", "", 0.0),
     ]
     numbered = [SimpleNamespace(number=k, found=each) for k, each in enumerate(found, start=1)]
-    searched = SimpleNamespace(record=Record(times, (), outputs), maneuvers=numbered, simulated=False)
-    figure = figure_flight(searched, "flight.csv")
-    elevator, nz, phi = figure.axes
+    return figure_flight(SimpleNamespace(record=Record(times, (), outputs), maneuvers=numbered, simulated=False), "flight.csv")
+
+
+def test_a_short_pause_is_a_hole_in_the_band() -> None:
+    elevator, nz, phi = drawn(20.0).axes
     assert [[text.get_text() for text in panel.texts] for panel in (elevator, nz, phi)] == [["1"], [], ["2"]]
     assert "elevator" in elevator.get_ylabel() and "deg" in phi.get_ylabel()
     (band,) = [each for each in elevator.collections if len(each.get_paths()) > 0][:1]
     assert len(band.get_paths()) == 2, "a hole at the pause"
+
+
+def test_a_long_pause_is_cut_out_and_each_part_has_its_panels() -> None:
+    panels = drawn(5000.0).axes
+    assert [[text.get_text() for text in panel.texts] for panel in panels] == [["1"], [], [], [], [], ["2"]]
+    spans = [panel.get_xlim() for panel in panels[:2]]
+    assert spans == [pytest.approx((0.0, 99.9)), pytest.approx((5100.0, 5199.9))]
+    assert panels[0].get_ylim() == panels[1].get_ylim() and panels[1].get_ylabel() == ""
+    first, second = (panel.get_position().width for panel in panels[:2])
+    assert first == pytest.approx(second, rel=0.01)

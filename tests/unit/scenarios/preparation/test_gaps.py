@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.preparation.gaps import FEWEST, split_at_gaps
+from scenarios.preparation.gaps import FEWEST, Parted, parts_of, put_together, split_at_gaps
 from sim.record import Channel, Record
 
 
@@ -51,3 +51,35 @@ def test_slow_uneven_records_have_no_gaps() -> None:
 def test_a_record_of_scraps_alone_keeps_them(count: int) -> None:
     time = np.concatenate([10.0 * part + 0.02 * np.arange(count) for part in range(4)])
     assert [len(part) for part in split_at_gaps(record(time))[0]] == [count] * 4
+
+
+@given(st.lists(st.sampled_from([5, 12, 40, 60]), min_size=1, max_size=5), st.booleans())
+def test_parts_put_together_have_every_row(sizes: list[int], resampled: bool) -> None:
+    steps = np.full(sum(sizes), 0.02)
+    steps[np.cumsum(sizes)[:-1]] = 3.0
+    whole = record(np.cumsum(steps))
+    parts, _ = split_at_gaps(whole)
+    parted = Parted("flight.csv", None if resampled else whole.time, len(parts))
+    ((same, span),) = parts_of([parted], parts)
+    assert same is parted and parts[span] == parts
+    rows = [np.array([2.0 * part.time]) for part in parts]
+    joined, (predicted,) = put_together(parted, parts, [rows])
+    times = np.concatenate([part.time for part in parts])
+    assert joined.name == "flight.csv" and joined.time.tolist() == (times if resampled else whole.time).tolist()
+    inside = np.isin(joined.time, times)
+    assert joined["q"].valid.tolist() == inside.tolist()
+    np.testing.assert_array_equal(joined["q"].values[inside], np.sin(times))
+    np.testing.assert_array_equal(predicted[0][inside], 2.0 * times)
+    assert np.all(np.isfinite(predicted)) and np.allclose(predicted[0][~inside], 2.0 * times.mean())
+
+
+def test_a_part_lacks_the_outputs_that_it_has_no_sample_of() -> None:
+    time = np.concatenate([0.02 * np.arange(50), 5.0 + 0.02 * np.arange(50), 9.0 + 0.02 * np.arange(50)])
+    q = np.where(time > 4.0, np.nan, np.sin(time))
+    alpha = np.where(time > 8.0, np.nan, np.cos(time))
+    whole = Record(time, (), (Channel.of("q", "rad/s", q), Channel.of("alpha", "rad", alpha)), name="flight.csv")
+    parts, note = split_at_gaps(whole)
+    assert [part.output_names for part in parts] == [("q", "alpha"), ("alpha",)]
+    assert "1 part of fewer than 30 samples" in note
+    joined, _ = put_together(Parted("flight.csv", time, 2), parts, ())
+    assert joined["q"].valid.tolist() == np.isfinite(q).tolist() and joined["alpha"].valid.tolist() == np.isfinite(alpha).tolist()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from scenarios.preparation.plan import WHOLE, Plan, Segment, plan_of
+from scenarios.preparation.plan import WHOLE, Plan, Segment, options_of, plan_of
 from sim.errors import DeclarationError
 from sim.record import Hold
 
@@ -36,3 +36,26 @@ def test_what_is_no_plan_is_told_in_one_line(words: dict[str, object], parts: tu
     with pytest.raises(DeclarationError) as told:
         plan_of(**words)  # type: ignore[arg-type]
     assert all(part in str(told.value) for part in parts) and "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        plan_of(),
+        plan_of(stops=[25.0]),
+        plan_of([0.5, 30.0], [12.25, 41.125], "linear", 25.0, 8.0, trusted=True, columns="time,elevator,q"),
+    ],
+)
+def test_the_words_of_a_plan_make_the_same_plan(plan: Plan) -> None:
+    words = options_of(plan)
+    options = [word for word in words if word.startswith("--") and word != "--trust-record"]
+    given = {option: [words[k + 1] for k, word in enumerate(words) if word == option] for option in options}
+    again = plan_of(
+        [float(value) for value in given.get("--from", [])],
+        [float(value) for value in given.get("--to", [])],
+        next(iter(given.get("--hold", [])), None),
+        *(float(given[option][0]) if option in given else None for option in ("--rate", "--lowpass")),
+        trusted="--trust-record" in words,
+        columns=next(iter(given.get("--columns", [])), None),
+    )
+    assert again == plan

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from sim.declaration.compile import compile_model
 from sim.declaration.model import Noise
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.errors import ModelError
@@ -15,7 +14,6 @@ from sim.maneuvers.steps import three_two_one_one
 from sim.propagation.grid import make_grid
 from sim.propagation.integrate import euler_step
 from sim.truth.flight import fly, refuse_divergence, sample_times
-from sim.truth.many_flights import fly_side_by_side
 from sim.truth.measurement import Measurement, measure
 from sim.vehicles.factory import ballistic_model, rigid_model
 from sim.vehicles.library import read_parameter_set
@@ -92,10 +90,3 @@ def test_divergence_is_told_from_the_first_instant_that_is_not_finite(first: int
     states[1, first:] = np.inf
     with pytest.raises(ModelError, match=f"diverges at {0.1 * first:.4g} s"):
         refuse_divergence(rigid_model(RIGID), grid, [*states])
-
-
-def test_flights_side_by_side_refuse_random_forcing_however_weak() -> None:
-    forced = rigid_model(RIGID, Noise({}, {"q": 1e-6}))
-    assert compile_model(forced).noise(compile_model(forced).parameters.values().tolist())[0][1] == 1e-6
-    with pytest.raises(ModelError, match="random forcing"):
-        fly_side_by_side(forced, {}, {"elevator": [three_two_one_one(0.1, 0.5, 1.0)]}, sample_times(50.0, 1.0))

@@ -47,6 +47,7 @@ NAMED = {
         **{"varies:Cm_alpha(alpha)": "moment-nonlinearity"},
         **{"varies:CL_de(elevator)": "control-nonlinearity:elevator", "varies:Cm_de(elevator)": "control-nonlinearity:elevator"},
     },
+    "multirotor": {},
 }
 
 

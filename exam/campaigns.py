@@ -1,0 +1,270 @@
+"""Campaigns of the tracing loop: what each flies, prints and writes.
+
+Every campaign is a `Campaign`; `fly_and_tell` flies it, prints its tables and writes its folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from exam.clean import MODELS, CleanRun, clean_flight, clean_rows
+from exam.detection import (
+    SETTINGS,
+    WEAK,
+    Alarm,
+    Detection,
+    alarm_rows,
+    clean_run,
+    detection_rows,
+    weak_run,
+    weak_setting,
+)
+from exam.options import exam_reproduction
+from exam.repeated import Flights, Flown, LoopFlights, fly_all
+from scenarios.files.declarations import named_after
+from scenarios.files.folders import study_folder
+from scenarios.files.versions import versions
+from scenarios.files.writing import write_json
+from scenarios.pages.folder import write_page
+from scenarios.pages.model import Page, section
+from scenarios.pages.printed import rows_table
+from scenarios.pages.reproduction import now
+from scenarios.pages.wording import capital, sentence
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.tasks.manner import Manner, stopped
+from scenarios.tasks.study import Tell
+from scenarios.terminal.paragraphs import terminal_width
+from scenarios.terminal.progress import progress_bar
+from scenarios.terminal.summary import details_in, written_to
+from scenarios.terminal.tables import columns_of, table_lines
+
+ROOT = 1  # of the seeds, where none is asked for and no scenario has one
+GAIN = 25.0  # expected gain of the log likelihood of a weak effect: nearly all are found from here
+CLEAN = (
+    *("model", "runs", "false claims", "95 % interval, %", "not consistent"),
+    *("within two sigmas, %", "sigma over bound", "median time, s"),
+)
+ALARMS = (
+    *("setting", "runs", "false claims", "not consistent"),
+    *("95 % interval of false claims, %", "median time, s"),
+)
+DETECTED = (
+    *("effect", "runs", "detected", "named right", "among alternatives", "unexplained"),
+    *("named wrong", "detected, 95 % interval, %"),
+)
+Rows = list[tuple[str, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """A campaign of the tracing loop.
+
+    Attributes
+    ----------
+    name, where : its name, and what messages call it. root : of the seeds, where none is asked for.
+    work : what is done in a flight. times : flights in a run.
+    text : what has been flown, in so many columns; last, where more is to be read.
+    write : puts it into a folder, with figures.
+    """
+
+    name: str
+    where: str
+    root: int
+    work: Flights
+    times: int
+    text: Callable[[Flown, int, str], str]
+    write: Callable[[Flown, Path, Formats], Path]
+
+    def fly(
+        self,
+        runs: int,
+        seed: int | None,
+        manner: Manner,
+        tell: Tell = lambda stage, share: None,
+    ) -> Flown:
+        """All flights of so many runs, after Ctrl-C those that had ended; raises as ``fly_all``."""
+        root = self.root if seed is None else seed
+        with named_after(self.where):
+            return fly_all(self.work, runs * self.times, root, manner, tell)
+
+
+def fly_and_tell(
+    campaign: Campaign,
+    runs: int,
+    seed: int | None,
+    manner: Manner,
+    figures: Formats = USUAL,
+    *,
+    progress: bool = True,
+) -> None:
+    """Fly and diagnose, print the tables, and write what ``campaign.write`` does into ``manner.out``.
+
+    Raises
+    ------
+    KeyboardInterrupt : it was stopped; the flights that had ended are printed and written.
+    """
+    out = manner.out
+    with progress_bar(progress) as tell:
+        done = campaign.fly(runs, seed, manner, tell)
+    print(campaign.text(done, terminal_width(), details_in(out)), end="")
+    if out is not None:
+        campaign.write(done, out, figures)
+        print(written_to(out))
+    if not done.whole:
+        raise stopped(done.ended, done.asked, "flights", out)
+
+
+def hidden_effect_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
+    """Many flights of one hidden-effect scenario, by its name or the path of its file.
+
+    Raises
+    ------
+    FlightidError : there is none of that name, or something is declared that cannot be.
+    """
+    from exam.hidden_effects.campaign import named_scenario, trace_flights
+    from exam.hidden_effects.page import campaign_page
+    from exam.hidden_effects.text import trace_campaign_text, write_trace_campaign
+    from scenarios.studies.catalogue import scenario_file
+
+    scenario = named_scenario(name, tuple(changes))
+
+    def write(done: Flown, out: Path, figures: Formats) -> Path:
+        page = partial(campaign_page, scenario, done)
+        return write_trace_campaign(scenario, done, out, page, figures)
+
+    def text(done: Flown, width: int, details: str) -> str:
+        return trace_campaign_text(scenario, done.found, done.words, width)
+
+    work = trace_flights(name, changes)
+    return Campaign(scenario.name, scenario_file(name), scenario.seed, work, 1, text, write)
+
+
+def surrogate_campaign(name: str, changes: Sequence[str] = ()) -> Campaign:
+    """Many surrogate flights of one declaration; raises as ``load_surrogate``."""
+    from exam.surrogates.campaign import surrogate_flights
+    from exam.surrogates.campaign_text import campaign_text, write_campaign
+    from exam.surrogates.catalogue import load_surrogate
+    from exam.surrogates.page import campaign_page
+    from scenarios.studies.catalogue import scenario_file
+
+    surrogate = load_surrogate(name, changes)
+
+    def write(done: Flown, out: Path, figures: Formats) -> Path:
+        return write_campaign(surrogate, done, out, partial(campaign_page, surrogate, done), figures)
+
+    def text(done: Flown, width: int, details: str) -> str:
+        return campaign_text(surrogate, done.found, done.words, width, details)
+
+    work = surrogate_flights(surrogate)
+    return Campaign(surrogate.name, scenario_file(name), surrogate.seed, work, 1, text, write)
+
+
+def every_effect_campaign(runs: int, effects: Sequence[str] | None = None) -> Campaign:
+    """Flights of each of the ``effects`` (None: all of the library); ``runs`` is what its page says.
+
+    Raises
+    ------
+    DeclarationError : the library has no such effect.
+    """
+    from exam.every_effect.campaign import NAME, every_effect_text, write_every_effect
+    from exam.every_effect.work import EveryEffect
+
+    work = EveryEffect(None if effects is None else tuple(effects))
+
+    def write(done: Flown, out: Path, figures: Formats) -> Path:
+        return write_every_effect(done, runs, work.effects, out, figures)
+
+    def text(done: Flown, width: int, details: str) -> str:
+        return every_effect_text(done, width)
+
+    return Campaign(NAME, NAME, ROOT, work, len(work.kinds), text, write)
+
+
+@dataclass(frozen=True)
+class Tabled:
+    """What a campaign with a single table flies: ``fly`` gives of a flight's number and seed a ``kind``
+    of dataclass; ``rows`` below the ``headings`` are of all flights."""
+
+    fly: Callable[[int, int], Any]
+    kind: Any
+    title: str
+    headings: tuple[str, ...]
+    rows: Callable[[Sequence[Any]], Rows]
+
+
+def tabled_campaign(name: str) -> Campaign:
+    """A campaign of ``TABLED`` by its name."""
+    tabled = TABLED[name]
+
+    def text(done: Flown, width: int, details: str) -> str:
+        table = table_lines(columns_of(tabled.headings, tabled.rows(done.found)), title=tabled.title)
+        return "\n".join([f"{name}: {done.ended} flights, {done.words}", *table]) + "\n"
+
+    def write(done: Flown, out: Path, figures: Formats) -> Path:
+        rows = tabled.rows(done.found)
+        content = {"schema": "flightid/campaign/1", "scenario": name, **done.content}
+        table = [dict(zip(tabled.headings, row, strict=True)) for row in rows]
+        with study_folder(out, "campaign.json") as scratch:
+            write_page(scratch, _page(name, tabled, done, rows))
+            document = {**content, "table": table, "versions": versions()}
+            write_json(scratch / "campaign.json", document)
+        return out
+
+    work = LoopFlights(name, tabled.fly, tabled.kind, {})
+    return Campaign(name, name, ROOT, work, 1, text, write)
+
+
+def _page(name: str, tabled: Tabled, done: Flown, rows: Rows) -> Page:
+    command = (name, "--runs", str(done.ended), "--seed", str(done.root))
+    return Page(
+        title=f"{capital(name.replace('-', ' '))}: {done.ended} flights",
+        kind="Campaign of the tracing loop",
+        verdict="",
+        tone="plain",
+        sentence=sentence(tabled.title),
+        summary=(),
+        warnings=(sentence(done.failed),) if done.failed else (),
+        sections=section("What was found", rows_table(capital(tabled.title), tabled.headings, rows)),
+        reproduction=exam_reproduction(command, sentence(done.words)),
+        created=now(),
+    )
+
+
+def _clean_of_setting(number: int, seed: int) -> Alarm:
+    return clean_run(SETTINGS[number % len(SETTINGS)], seed)
+
+
+def _weak(number: int, seed: int) -> Detection:
+    effect = tuple(WEAK)[number % len(WEAK)]
+    return weak_run(weak_setting(effect), effect, GAIN, seed)
+
+
+def _clean_of_model(number: int, seed: int) -> CleanRun:
+    return clean_flight(seed, MODELS[number % len(MODELS)])
+
+
+def _alarm_rows(found: Sequence[Alarm]) -> Rows:
+    groups = {setting.label: [each for each in found if each.setting == setting.label] for setting in SETTINGS}
+    return alarm_rows({label: group for label, group in groups.items() if group} | {"all": [*found]})
+
+
+def _detection_rows(found: Sequence[Detection]) -> Rows:
+    by_effect = detection_rows(found, lambda each: each.effect)
+    return by_effect + detection_rows(found, lambda each: "all")
+
+
+TABLED: Mapping[str, Tabled] = {
+    "false-alarms": Tabled(_clean_of_setting, Alarm, "clean records: nothing is hidden", ALARMS, _alarm_rows),
+    "clean": Tabled(
+        _clean_of_model,
+        CleanRun,
+        "clean records: nothing is hidden; sigmas over the Cramer-Rao bound, median and 90 % of them",
+        CLEAN,
+        clean_rows,
+    ),
+    "weak-effects": Tabled(_weak, Detection, f"one weak effect, expected gain {GAIN:g}", DETECTED, _detection_rows),
+}

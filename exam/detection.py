@@ -1,0 +1,248 @@
+"""How often the tracing loop raises a false alarm, and how often it finds an effect of a given strength and names it right.
+
+Strength is the expected gain of the log likelihood: half the squared change that the effect makes to the outputs, in noise
+sigmas, as far as no change of the declared model's parameters, initial state or biases can stand in for it.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+
+from exam.aircraft import NOISE, USUAL, drawn_aircraft
+from exam.scoring import same_fault
+from ident.statistics.shares import clopper_pearson
+from ident.tracing.diagnosis import Diagnosis
+from scenarios.diagnosis.diagnose import diagnose_files
+from scenarios.files.writing import write_record
+from scenarios.preparation.request import Request
+from sim.declaration.effect import full_name
+from sim.declaration.model import Model, Noise
+from sim.effects.library import find_effect
+from sim.maneuvers.steps import Maneuver, Sum, doublet, three_two_one_one
+from sim.record import Channel, Record
+from sim.truth.flight import fly, sample_times
+from sim.vehicles.factory import RIGID_CONSTANTS
+
+DURATION = 20.0  # s
+PEAK = 0.06  # rad
+WEAK = {
+    "input-delay": ("delay", 0.2),
+    "actuator-lag": ("time_constant", 0.2),
+    "input-deadband": ("half_width", 0.03),
+    "input-backlash": ("half_width", 0.03),
+    "vane-offset": ("arm", 20.0),
+    "sensor-lag:q": ("time_constant", 0.2),
+    "sensor-scale:nz": ("scale", 1.5),
+    "sensor-drift:alpha": ("slope", 0.01),
+    "speed-variation": ("rate", 5.0),
+}
+
+
+class Finding(Enum):
+    """What became of a record with one weak effect in it."""
+
+    RIGHT = "named right"
+    AMBIGUOUS = "ambiguous, the right name among the alternatives"
+    UNEXPLAINED = "detected, not named"
+    WRONG = "named wrong"
+    MISSED = "not detected"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the records of a campaign have in common: channels, degrees of freedom of the noise (0 for normal noise), rate in 1/s."""
+
+    label: str
+    channels: tuple[str, ...] = ("alpha", "q", "nz")
+    tails: float = 0.0
+    rate: float = 50.0
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """One clean record: its seed, the verdict, the effects claimed, and the label of the setting in which it was flown."""
+
+    seed: int
+    aircraft: str
+    verdict: str
+    claimed: tuple[str, ...]
+    seconds: float
+    setting: str = ""
+
+
+@dataclass(frozen=True)
+class Detection:
+    """One record with a weak effect: its size, and what was found."""
+
+    seed: int
+    effect: str
+    gain: float
+    size: float
+    finding: Finding
+    claimed: tuple[str, ...]
+    seconds: float
+
+
+# Where nz is recorded, a delay of the surface however small moves the one sample at each switch by its whole jump: no strength can be set.
+WITHOUT_NZ = ("input-delay", "actuator-lag")
+SETTINGS = (
+    Setting("three channels"),
+    Setting("alpha and q only", ("alpha", "q")),
+    Setting("three channels, heavy tails (Student's t, 3.5 degrees of freedom)", tails=3.5),
+)
+
+
+def weak_setting(effect: str) -> Setting:
+    """The setting in which an effect's strength can be set: three channels, or alpha and q only."""
+    return SETTINGS[1] if effect in WITHOUT_NZ else SETTINGS[0]
+
+
+def clean_run(setting: Setting, seed: int) -> Alarm:
+    """Fly and diagnose one record without anything hidden; aircraft, derivatives, noise and starting values are drawn from the seed."""
+    rng = np.random.default_rng((seed, 1))
+    name, model = drawn_aircraft(rng)
+    diagnosis, seconds = traced(model, model, setting, rng)
+    return Alarm(seed, name, diagnosis.verdict.value, _claimed(diagnosis), seconds, setting.label)
+
+
+def weak_run(setting: Setting, effect: str, gain: float, seed: int) -> Detection:
+    """Fly and diagnose one record with an effect of the size that brings the wanted expected gain."""
+    rng = np.random.default_rng((seed, 2))
+    _, model = drawn_aircraft(rng)
+    size = size_of(model, effect, gain, setting)
+    diagnosis, seconds = traced(model, with_effect(model, effect, size), setting, rng)
+    return Detection(seed, effect, gain, size, found(effect, diagnosis), _claimed(diagnosis), seconds)
+
+
+def found(effect: str, diagnosis: Diagnosis) -> Finding:
+    """What a diagnosis says of one hidden effect; a lag and a delay of the same sensor are one."""
+    right = same_fault(effect)
+    claims = [claim for claim in diagnosis.effects if claim.claimed]
+    if diagnosis.verdict.value == "consistent":
+        return Finding.MISSED
+    if diagnosis.verdict.value == "unexplained" or not claims:
+        return Finding.UNEXPLAINED
+    if len(claims) == 1 and claims[0].name in right:
+        return Finding.RIGHT
+    if len(claims) == 1 and right & set(claims[0].alternatives):
+        return Finding.AMBIGUOUS
+    return Finding.WRONG
+
+
+def with_effect(model: Model, name: str, size: float) -> Model:
+    """The aircraft with a library effect at one value of its one parameter."""
+    effect = find_effect(name, model.equations)
+    return model.with_effects(effect).with_values({full_name(effect, WEAK[name][0]): size})
+
+
+def traced(declared: Model, true: Model, setting: Setting, rng: np.random.Generator) -> tuple[Diagnosis, float]:
+    """Fly two records, write them, hand the files to the loop; the diagnosis and its processor time in s."""
+    with tempfile.TemporaryDirectory(prefix="flightid-") as name:
+        folder = Path(name)
+        for stem, maneuver in (("train", _first()), ("validate", _second())):
+            write_record(folder, _measured(flown(true, maneuver, setting), setting, rng), stem)
+        lines = [f"{key} = {declared.parameters[key].value!r}" for key in RIGID_CONSTANTS]
+        lines += ["[derivatives]", *(f"{key} = {declared.parameters[key].value * rng.uniform(0.7, 1.3)!r}" for key in USUAL)]
+        vehicle = folder / "vehicle.toml"
+        vehicle.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+        started = process_time()
+        tracing = diagnose_files(Request((folder / "train.csv",), "rigid", vehicle, (folder / "validate.csv",)))
+        return tracing.diagnosis, process_time() - started
+
+
+def flown(model: Model, maneuver: Maneuver, setting: Setting) -> Record:
+    """One record without noise, in 5 ms steps; input paths work on finer cells of their own."""
+    time = sample_times(setting.rate, DURATION)
+    record, _ = fly(model.with_noise(Noise()), maneuver, time, np.random.default_rng(0), step=0.005, outputs=setting.channels)
+    return record
+
+
+def size_of(model: Model, name: str, gain: float, setting: Setting) -> float:
+    """The value of an effect's parameter whose expected log-likelihood gain on the training record is ``gain``; at most the largest of ``WEAK``."""
+    effect = find_effect(name, model.equations)
+    local, most = WEAK[name]
+    absent = effect.absent[local]
+    base = _whitened(flown(model, _first(), setting), setting)
+    columns = _columns(model, base, setting)
+
+    def reached(share: float) -> float:
+        changed = _whitened(flown(with_effect(model, name, absent + share * (most - absent)), _first(), setting), setting) - base
+        rest = changed - columns @ np.linalg.lstsq(columns, changed, rcond=None)[0]
+        return 0.5 * float(rest @ rest)
+
+    # The gain grows nearly as the square of the size: a few corrections by that law reach it.
+    share = 0.05
+    for _ in range(5):
+        share = min(1.0, share * float(np.sqrt(gain / max(reached(share), 1e-12))))
+    return absent + share * (most - absent)
+
+
+def alarm_rows(alarms: Mapping[str, Sequence[Alarm]]) -> list[tuple[str, ...]]:
+    """Setting, runs, false claims, not consistent, 95 % interval of false claims in percent, median processor time in s."""
+    rows: list[tuple[str, ...]] = []
+    for label, group in alarms.items():
+        claims, other = sum(bool(alarm.claimed) for alarm in group), sum(alarm.verdict != "consistent" for alarm in group)
+        low, high = clopper_pearson(claims, len(group))
+        seconds = float(np.median([alarm.seconds for alarm in group]))
+        rows.append((label, str(len(group)), str(claims), str(other), f"{100 * low:.1f} to {100 * high:.1f}", f"{seconds:.1f}"))
+    return rows
+
+
+def detection_rows(detections: Sequence[Detection], by: Callable[[Detection], str]) -> list[tuple[str, ...]]:
+    """Group, runs, detected, named right, ambiguous, unexplained, wrong, and the 95 % interval of detection in percent."""
+    rows: list[tuple[str, ...]] = []
+    for label in dict.fromkeys(by(detection) for detection in detections):
+        group = [detection for detection in detections if by(detection) == label]
+        count = {finding: sum(detection.finding is finding for detection in group) for finding in Finding}
+        seen = len(group) - count[Finding.MISSED]
+        low, high = clopper_pearson(seen, len(group))
+        named = (count[Finding.RIGHT], count[Finding.AMBIGUOUS], count[Finding.UNEXPLAINED], count[Finding.WRONG])
+        rows.append((label, str(len(group)), str(seen), *(str(number) for number in named), f"{100 * low:.0f} to {100 * high:.0f}"))
+    return rows
+
+
+def _claimed(diagnosis: Diagnosis) -> tuple[str, ...]:
+    return tuple(claim.name for claim in diagnosis.effects if claim.claimed)
+
+
+def _first() -> Maneuver:
+    return Sum((three_two_one_one(PEAK, 0.5, 1.0), doublet(-0.5 * PEAK, 1.0, 9.0)))
+
+
+def _second() -> Maneuver:
+    return Sum((doublet(0.9 * PEAK, 0.8, 1.0), three_two_one_one(-0.7 * PEAK, 0.4, 6.0)))
+
+
+def _measured(record: Record, setting: Setting, rng: np.random.Generator) -> Record:
+    outputs = []
+    for channel in record.outputs:
+        n = len(record.time)
+        unit = rng.standard_t(setting.tails, n) * np.sqrt(1.0 - 2.0 / setting.tails) if setting.tails else rng.standard_normal(n)
+        outputs.append(Channel.of(channel.name, channel.unit, channel.values + NOISE[channel.name] * unit))
+    return Record(record.time, record.inputs, tuple(outputs), record.hold, record.name)
+
+
+def _whitened(record: Record, setting: Setting) -> np.ndarray:
+    return np.concatenate([record[name].values / NOISE[name] for name in setting.channels])
+
+
+def _columns(model: Model, base: np.ndarray, setting: Setting) -> np.ndarray:
+    """Changes of the outputs by what the declared model can move: derivatives, initial state, one bias a channel."""
+    columns = []
+    for name in USUAL:
+        value = model.parameters[name].value
+        moved = flown(model.with_values({name: value * (1.0 + 1e-4)}), _first(), setting)
+        columns.append(_whitened(moved, setting) - base)
+    for state in model.initial.names:
+        started = model.with_initial(model.initial.with_values({state: 1e-4}))
+        columns.append(_whitened(flown(started, _first(), setting), setting) - base)
+    count = len(base) // len(setting.channels)
+    columns += [np.repeat(np.arange(len(setting.channels)) == i, count).astype(float) for i in range(len(setting.channels))]
+    return np.array([column / np.linalg.norm(column) for column in columns]).T

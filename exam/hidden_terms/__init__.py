@@ -1,0 +1,1 @@
+"""Causes that the effect library does not have, for the examinations alone."""

@@ -1,0 +1,108 @@
+"""The score of an answer: which names are right, which are wrong, and how far the numbers are off."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence, Set
+from itertools import permutations
+
+from exam.calibration import Statement
+from exam.random_cases.case import Case, CaseScore, Named
+from exam.random_cases.kinds import KINDS
+from exam.random_cases.vehicles import NOISE, estimated
+from exam.scoring import same_fault
+from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
+from ident.tracing.weighed import Ground, Weighed
+from scenarios.diagnosis.report.evidence import warnings_of
+from scenarios.diagnosis.tracing import Tracing
+from sim.declaration.model import Model
+from sim.errors import DeclarationError, FlightidError, RecordError
+
+REFUSED, FAILED = "refused", "failed"
+
+
+def case_score_of(case: Case, model: Model, tracing: Tracing, seconds: float) -> CaseScore:
+    """The score of a diagnosis."""
+    diagnosis = tracing.diagnosis
+    claims = [claim for claim in diagnosis.effects if claim.claimed]
+    left, wrong = _matched(case, claims)
+    return CaseScore(
+        case,
+        diagnosis.verdict.value,
+        tuple(claim.name for claim in claims),
+        not wrong and not left and _rightly_concluded(case, tracing, claims),
+        wrong,
+        _errors(case, model, diagnosis),
+        max(rmse / NOISE[name] for name, rmse in diagnosis.error_after.rmse.items()),
+        seconds,
+        tuple(tuple(Named(name, _is_hidden(case, name)) for name in (claim.name, *claim.alternatives)) for claim in claims),
+        tuple(_statement(case, claim, claims) for claim in claims if claim.weighed is not None),
+    )
+
+
+def _statement(case: Case, claim: Claim, claims: Sequence[Claim]) -> Statement:
+    """A claim with the names that are right of all that it was weighed against."""
+    weighed = claim.weighed or Weighed(Ground.NOISE_LEFT)
+    names = {claim.name, *weighed.same, *(name for item in weighed.sets for name in item.names)}
+    others = tuple(other.name for other in claims if other is not claim)
+    right = frozenset(name for name in names if _is_hidden(case, name))
+    return Statement(claim.name, others, weighed.twins, weighed, right)
+
+
+def refusal_score_of(case: Case, fault: FlightidError, seconds: float) -> CaseScore:
+    """The score where there is no diagnosis: files refused are right for a recorder's fault and an alarm for all else, a failure is never right."""
+    refused = isinstance(fault, RecordError | DeclarationError)
+    return CaseScore(case, REFUSED if refused else FAILED, (), refused and case.group == "recorder", False, {}, 0.0, seconds, said=str(fault))
+
+
+def _matched(case: Case, claims: Sequence[Claim]) -> tuple[set[str], bool]:
+    """Answers that no claim gives, and whether a claim gives none; each claim answers once, so as to answer most."""
+    answers = sorted(case.answers)
+    accepted = {name for hidden in case.hidden for name in KINDS[hidden].accepted}
+    best: tuple[set[str], bool] = (set(answers), bool(claims))
+    for order in permutations(claims):
+        left, wrong = set(answers), False
+        for claim in order:
+            hit = next((answer for answer in answers if answer in left and _says(answer, claim)), None)
+            wrong = wrong or (hit is None and not _given({claim.name, *claim.alternatives}, accepted))
+            left.discard(hit or "")
+        if (wrong, len(left)) < (best[1], len(best[0])) or order == tuple(claims):
+            best = (left, wrong)
+    return best
+
+
+def _says(answer: str, claim: Claim) -> bool:
+    return _given({claim.name, *claim.alternatives}, same_fault(answer))
+
+
+def _given(names: Set[str], accepted: Set[str]) -> bool:
+    """Whether one of the names is accepted; of a numbered effect (``elastic-mode#2``, ``elastic-mode:1``) any number."""
+    plain = {name.partition("#")[0] for name in names}
+    return bool(plain & {*accepted, *(name.partition(":")[0] for name in accepted if name.startswith("elastic"))})
+
+
+def _is_hidden(case: Case, name: str) -> bool:
+    accepted = {other for answer in case.answers for other in same_fault(answer)}
+    return _given({name}, accepted | {other for hidden in case.hidden for other in KINDS[hidden].accepted})
+
+
+def _rightly_concluded(case: Case, tracing: Tracing, claims: Sequence[Claim]) -> bool:
+    """Whether the verdict is right, where the claims are."""
+    verdict = tracing.diagnosis.verdict
+    if not case.hidden:
+        return verdict is Verdict.CONSISTENT
+    if not case.outside:
+        return True
+    words = [word for name in case.hidden for word in KINDS[name].words]
+    return verdict is Verdict.UNEXPLAINED or bool(claims) or _told_of(words, tracing)
+
+
+def _told_of(words: Sequence[str], tracing: Tracing) -> bool:
+    """Whether a warning or a note about the record has one of the words."""
+    texts = [*tracing.doubts, *tracing.look.doubts, *tracing.look.lines, *warnings_of(tracing)]
+    return any(re.search(rf"\b{re.escape(word)}\b", text, re.IGNORECASE) for word in words for text in texts)
+
+
+def _errors(case: Case, model: Model, diagnosis: Diagnosis) -> Mapping[str, float]:
+    after = {name: diagnosis.after[name] for name in estimated(case.model) if name in diagnosis.after}
+    return {name: (found.value - model.parameters[name].value) / found.std for name, found in after.items()}

@@ -1,0 +1,1 @@
+"""How a surrogate flight flies: aircraft, what is drawn, maneuvers, small causes, records."""

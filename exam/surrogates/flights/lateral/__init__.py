@@ -1,0 +1,1 @@
+"""How a surrogate flight of the lateral axis flies."""

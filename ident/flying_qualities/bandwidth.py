@@ -1,0 +1,207 @@
+"""Bandwidth and phase delay of an estimated attitude response, and dropback of a fitted one.
+
+Bandwidth and phase delay: MIL-STD-1797A, section 4.2.1.2; ADS-33E-PRF, section 3.3.2.1; Hoh, Mitchell
+and Hodgkinson, "Bandwidth: A Criterion for Highly Augmented Airplanes", AGARD-CP-333, 1982.
+Dropback: Gibson, "Piloted Handling Qualities Design Criteria for High Order Flight Control Systems",
+AGARD-CP-333, 1982.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.frequency_response.transfer_function import (
+    DELAY,
+    FORMS,
+    FittedResponse,
+    Target,
+    neighbour_correlation,
+)
+
+NEUTRAL, MARGIN, GAIN_MARGIN = -180.0, 45.0, 6.0  # deg, deg, dB
+REACH = 0.2  # of ln(omega), about a crossing, over which a parabola is fitted
+_FEWEST = 5  # points of a parabola
+_EVEN = 41  # points of the straight line of the phase delay
+_NEAR = -60.0  # deg, about which the phase of an attitude begins; settles its sign
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number with its standard deviation."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Bandwidth:
+    """Bandwidth of an attitude response; None where the usable band does not show it.
+
+    Attributes
+    ----------
+    neutral : rad/s, where the phase is -180 deg. phase : rad/s, phase bandwidth, where it is
+        -135 deg. gain : rad/s, gain bandwidth, 6 dB above the gain at ``neutral``.
+    delay : s, phase delay, by a straight line between ``neutral`` and twice that.
+    notes : why something is None, one sentence each.
+    """
+
+    neutral: Quantity | None
+    phase: Quantity | None
+    gain: Quantity | None
+    delay: Quantity | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def bandwidth(self) -> Quantity | None:
+        """The lesser of phase and gain bandwidth, as for rate response types; for an attitude
+        command the phase bandwidth counts alone."""
+        both = [each for each in (self.phase, self.gain) if each is not None]
+        return min(both, key=lambda each: each.value) if len(both) == 2 else None
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeCurve:
+    """Gain in dB and phase in deg of an attitude over rad/s, with deviations of each, ``(F,)``.
+
+    ``length`` : s, effective one of the windows."""
+
+    omega: np.ndarray
+    gain: np.ndarray
+    phase: np.ndarray
+    gain_std: np.ndarray
+    phase_std: np.ndarray
+    length: float
+
+
+def attitude_bandwidth(target: Target, *, rate: bool) -> Bandwidth:
+    """Bandwidth and phase delay from an estimated response along its usable band.
+
+    Each crossing is found on a parabola through the points about it, whose errors are
+    correlated between neighbours as the windows are. ``rate`` : the output is a rate, which is
+    integrated. A response of negative sign is turned.
+    """
+    curve = attitude_curve(target, rate=rate)
+    notes: list[str] = []
+    band = f"the usable band ends at {curve.omega[-1]:.3g} rad/s"
+    neutral = _crossing(curve, curve.phase, curve.phase_std, NEUTRAL, 0.0)
+    phase = _crossing(curve, curve.phase, curve.phase_std, NEUTRAL + MARGIN, 0.0)
+    if phase is None:
+        notes.append(f"no phase bandwidth: the phase does not fall through -135 deg; {band}")
+    gain = delay = None
+    if neutral is None:
+        notes.append(f"no gain bandwidth and phase delay: no phase of -180 deg; {band}")
+        return Bandwidth(neutral, phase, gain, delay, tuple(notes))
+    level, slope, spread = _line(curve, curve.gain, curve.gain_std, neutral.value)
+    extra = math.hypot(spread, slope * neutral.std / neutral.value)
+    gain = _crossing(curve, curve.gain, curve.gain_std, level + GAIN_MARGIN, extra, before=neutral.value)
+    if gain is None:
+        notes.append(f"no gain bandwidth: the gain is nowhere 6 dB above that at -180 deg; {band}")
+    if 2.0 * neutral.value > curve.omega[-1] * 1.001:
+        notes.append(f"no phase delay: it needs {2.0 * neutral.value:.3g} rad/s, and {band}")
+    else:
+        delay = _phase_delay(curve, neutral.value)
+    return Bandwidth(neutral, phase, gain, delay, tuple(notes))
+
+
+def dropback(function: FittedResponse) -> Quantity | None:
+    """Dropback over steady pitch rate, s: T_theta2 - 2 damping/frequency - delay, of a pitch rate
+    fitted by the form ``pitch``; negative is overshoot. None for any other form.
+
+    When the stick returns after a step, the attitude falls back by this times the steady rate.
+    """
+    if function.form is not FORMS["pitch"]:
+        return None
+
+    def value(p: dict[str, float]) -> float:
+        return 1.0 / p["inv_T_theta2"] - 2.0 * p["damping"] / p["frequency"] - p[DELAY]
+
+    return _propagated(function, value)
+
+
+def _propagated(function: FittedResponse, value: Callable[[dict[str, float]], float]) -> Quantity | None:
+    p = dict(function.values)
+    if not all(abs(p[name]) > 1e-9 for name in ("inv_T_theta2", "frequency")):
+        return None
+    slopes = []
+    for name in function.std:
+        step = 1e-6 * max(abs(p[name]), 1e-3)
+        both = [value({**p, name: p[name] + sign * step}) for sign in (1.0, -1.0)]
+        slopes.append((both[0] - both[1]) / (2.0 * step))
+    row = np.array(slopes)
+    return Quantity(value(p), math.sqrt(max(float(row @ function.covariance @ row), 0.0)))
+
+
+def attitude_curve(target: Target, *, rate: bool) -> AttitudeCurve:
+    """The attitude response of a target. ``rate`` : it is that of a rate, which is integrated. Half
+    turns are added until the phase begins near -60 deg."""
+    omega = target.omega
+    response = target.response / (1j * omega) if rate else target.response
+    phase = np.degrees(np.unwrap(np.angle(response)))
+    phase -= 180.0 * np.round((phase[0] - _NEAR) / 180.0)
+    share = target.std / np.abs(target.response)
+    gain = 20.0 * np.log10(np.abs(response))
+    return AttitudeCurve(omega, gain, phase, 20.0 / math.log(10.0) * share, np.degrees(share), target.length)
+
+
+def _crossing(
+    curve: AttitudeCurve,
+    values: np.ndarray,
+    std: np.ndarray,
+    level: float,
+    extra: float,
+    before: float | None = None,
+) -> Quantity | None:
+    """Where a curve falls through a level whose own deviation is ``extra``: for the first time, or
+    for the last time before a frequency."""
+    below = np.flatnonzero((values[:-1] > level) & (values[1:] <= level))
+    if before is not None:
+        below = below[curve.omega[below] < before][::-1]
+    if not below.size:
+        return None
+    at = float(curve.omega[below[0]])
+    for _ in range(4):
+        value, slope, _ = _line(curve, values, std, at)
+        if not slope < 0.0:
+            break
+        at = float(np.clip(at * math.exp((level - value) / slope), curve.omega[0], curve.omega[-1]))
+    value, slope, spread = _line(curve, values, std, at)
+    if not slope < 0.0:
+        return None
+    return Quantity(at, at * math.hypot(spread, extra) / abs(slope))
+
+
+def _line(curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float) -> tuple[float, float, float]:
+    """Value, slope by ln(omega) and deviation of the value, of a parabola about ``at``."""
+    x = np.log(curve.omega / at)
+    near = np.argsort(np.abs(x))[: max(_FEWEST, int(np.count_nonzero(np.abs(x) <= REACH)))]
+    near.sort()
+    powers = np.column_stack([np.ones(near.size), x[near], x[near] ** 2])
+    gain = np.linalg.pinv(powers / std[near, None]) / std[near]
+    covariance = gain @ _shared(curve, std[near], near) @ gain.T
+    found = gain @ values[near]
+    return float(found[0]), float(found[1]), math.sqrt(max(float(covariance[0, 0]), 0.0))
+
+
+def _phase_delay(curve: AttitudeCurve, neutral: float) -> Quantity:
+    """Half of the slope of the phase, rad over rad/s, by the straight line through it between the
+    frequency of -180 deg and twice that, evenly weighted; the phase is joined by lines."""
+    first = max(int(np.searchsorted(curve.omega, neutral)) - 1, 0)
+    last = min(int(np.searchsorted(curve.omega, 2.0 * neutral)) + 1, curve.omega.size)
+    places = np.arange(first, last)
+    at = np.linspace(neutral, 2.0 * neutral, _EVEN)
+    joined = np.array([np.interp(at, curve.omega[places], row) for row in np.eye(places.size)]).T
+    gain = np.linalg.pinv(np.column_stack([np.ones(at.size), at - neutral])) @ joined
+    covariance = gain @ _shared(curve, curve.phase_std[places], places) @ gain.T
+    half = 0.5 * math.pi / 180.0
+    slope = float(gain[1] @ curve.phase[places])
+    return Quantity(-half * slope, half * math.sqrt(max(float(covariance[1, 1]), 0.0)))
+
+
+def _shared(curve: AttitudeCurve, std: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Covariance of errors that neighbours share."""
+    apart = np.subtract.outer(curve.omega[places], curve.omega[places]) / (2.0 * math.pi)
+    return neighbour_correlation(apart * curve.length) * np.outer(std, std)

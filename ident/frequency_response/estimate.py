@@ -1,0 +1,346 @@
+"""Frequency responses of records: composite over window lengths, several inputs, feedback.
+
+Composite of several windows: Tischler and Remple, "Aircraft and Rotorcraft System Identification",
+2nd edition, AIAA 2012, chapter 10. Conditioned responses and partial coherence: the same, chapter
+9. Random errors: Bendat and Piersol, "Random Data", 4th edition, Wiley 2010, chapters 6, 7 and 9.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ident.frequency_response.regression import (
+    coherences,
+    effective_averages,
+    regress,
+    spectral_matrix,
+)
+from ident.frequency_response.segments import LOWEST, Segments, hann_segments, sine_segments
+from sim.errors import RecordError
+
+LEAST_COHERENCE = 0.6  # Tischler and Remple's limit of a usable response
+DERIVATIVES = 2  # of the window, that the regression takes along
+_SPARE = 4.0  # real degrees of freedom that must be left for the noise
+_DOWN = 4.0  # power of the random error by which a window counts, Tischler and Remple's
+_NUMBERS = 400_000  # regressors that are worked on at a time
+_SIMILAR = 5  # neighbours over which weights and coherence are smoothed
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Evenly sampled signals of one record.
+
+    Attributes
+    ----------
+    step : s. inputs ``(q, N)``, outputs ``(m, N)``, references ``(q or 0, N)``: excitations that the
+        noise does not reach.
+    """
+
+    step: float
+    inputs: np.ndarray
+    outputs: np.ndarray
+    references: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def stacked(self) -> np.ndarray:
+        """All signals, outputs first, without their straight lines."""
+        rows = [self.outputs, self.inputs]
+        rows += [self.references] if len(self.references) else []
+        return detrended(np.concatenate(rows))
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """How spectra are estimated.
+
+    Attributes
+    ----------
+    windows : s, lengths of the Hann windows, the longest first. tapers : sine tapers of each whole
+        record instead; 0 for windows.
+    derivatives : of the window, taken along in the regression against the bias of the windows.
+    least_coherence : of the usable band.
+    """
+
+    windows: tuple[float, ...] = ()
+    tapers: int = 0
+    derivatives: int = DERIVATIVES
+    least_coherence: float = LEAST_COHERENCE
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponses:
+    """Responses of m outputs to q inputs at F frequencies.
+
+    Attributes
+    ----------
+    frequency : Hz, ``(F,)``.
+    response : complex ``(m, q, F)``, each input's with the other inputs held.
+    std : ``(m, q, F)``, standard deviation of the real and of the imaginary part.
+    degrees : ``(m, F)``, real degrees of freedom of the noise estimate behind ``std``.
+    coherence : ``(m, F)``, multiple coherence of an output with all inputs; of a joint input-output
+        estimate with the references.
+    partial_coherence : ``(m, q, F)``; with one input the ordinary coherence.
+    input_coherence : ``(q, F)``, of each input with the other inputs, zero with one; of a joint
+        estimate of each input with the references.
+    usable : bool ``(m, q, F)``, the usable band.
+    averages : ``(m, F)``, number of independent averages. lengths : ``(m, F)``, s, weighted mean
+        length of the windows. spectra : how it was estimated.
+    joint : whether it is a joint input-output estimate.
+    """
+
+    frequency: np.ndarray
+    response: np.ndarray
+    std: np.ndarray
+    degrees: np.ndarray
+    coherence: np.ndarray
+    partial_coherence: np.ndarray
+    input_coherence: np.ndarray
+    usable: np.ndarray
+    averages: np.ndarray
+    lengths: np.ndarray
+    spectra: Spectra
+    joint: bool = False
+
+    @property
+    def random_error(self) -> np.ndarray:
+        """Normalised random error of the magnitude, ``(m, q, F)``: standard deviation over size."""
+        return np.asarray(self.std / np.maximum(np.abs(self.response), np.finfo(float).tiny))
+
+    def half_width(self, level: float = 0.95) -> np.ndarray:
+        """Half width ``(m, q, F)`` of the band of the magnitude, by Student's distribution."""
+        from scipy.stats import t
+
+        return np.asarray(t.ppf(0.5 * (1.0 + level), self.degrees)[:, None, :] * self.std)
+
+    def radius(self, level: float = 0.95) -> np.ndarray:
+        """Radius ``(m, q, F)`` of the circle in the complex plane that holds the response with this
+        probability, by Fisher's distribution (Bendat and Piersol, section 6.2.4)."""
+        from scipy.stats import f
+
+        return np.asarray(np.sqrt(2.0 * f.ppf(level, 2.0, self.degrees))[:, None, :] * self.std)
+
+    def phase_half_width(self, level: float = 0.95) -> np.ndarray:
+        """Half width ``(m, q, F)`` of the band of the phase, rad; pi where it is not determined."""
+        size = np.maximum(np.abs(self.response), np.finfo(float).tiny)
+        share = self.half_width(level) / size
+        return np.where(share < 1.0, np.arcsin(np.minimum(share, 1.0)), math.pi)
+
+    def phase(self) -> np.ndarray:
+        """Phases ``(m, q, F)``, rad, without jumps, continued both ways from each usable band."""
+        return np.array(
+            [
+                [_continued(each, there) for each, there in zip(row, usable, strict=True)]
+                for row, usable in zip(self.response, self.usable, strict=True)
+            ]
+        )
+
+    def bands(self) -> list[list[tuple[float, float] | None]]:
+        """Lowest and highest usable frequency, Hz, of each output and input; None where none is."""
+        return [[_ends(self.frequency, each) for each in row] for row in self.usable]
+
+
+def estimate_responses(records: Sequence[Signals], frequency: np.ndarray, spectra: Spectra) -> FrequencyResponses:
+    """Estimate the responses of all outputs to all inputs from the records together.
+
+    Without references by least squares, which is right where no output acts back on an input. With
+    references by the joint input-output method: each input and each output is related to the
+    references, which are instruments of the regression.
+
+    Raises
+    ------
+    RecordError : records too short for every window, a frequency too low for every window, steps
+        that differ, another number of references than of inputs.
+    """
+    step, first = records[0].step, records[0]
+    m, q = len(first.outputs), len(first.inputs)
+    if any(abs(each.step / step - 1.0) > 1e-6 for each in records):
+        raise RecordError("rates differ", where="frequency response", remedy="resample the records")
+    joint = len(first.references) > 0
+    if joint and len(first.references) != q:
+        what = f"{len(first.references)} references for {q} inputs"
+        raise RecordError(what, where="reference", remedy="name one reference for each input")
+    segments = _segments([each.stacked for each in records], step, frequency, spectra)
+    z, left = slice(m, m + q), slice(m + q, m + 2 * q) if joint else slice(m, m + q)
+    usable_rows = segments.usable(frequency) | (spectra.tapers > 0)
+    if not usable_rows.any(axis=0).all():
+        lowest = LOWEST / max(segments.lengths[n] for n in segments.windows)
+        what = f"no window is long enough for {frequency[~usable_rows.any(axis=0)][0]:.4g} Hz"
+        remedy = f"begin the band at {lowest:.4g} Hz or higher"
+        raise RecordError(what, where="frequency response", remedy=remedy)
+    parts = []
+    for output in range(m):
+        weights, averages = _weights(segments, output, left, usable_rows)
+        response, std, degrees = _pooled(segments, output, z, left, weights, spectra.derivatives)
+        around = np.concatenate([segments.transforms[left, 0], segments.transforms[[output], 0]])
+        multiple, partial = coherences(spectral_matrix(around, weights))
+        of_inputs = _input_coherence(segments, z, left, weights, joint=joint)
+        windows = np.array(segments.lengths)[segments.windows]
+        lengths = windows @ weights / weights.sum(axis=0)
+        parts.append((response, std, degrees, multiple, partial, of_inputs, averages, lengths))
+    response, std, degrees, multiple, partial, of_inputs, averages, lengths = (np.stack([part[n] for part in parts]) for n in range(8))
+    found = FrequencyResponses(
+        frequency,
+        response,
+        std,
+        degrees,
+        multiple,
+        partial,
+        of_inputs[0],
+        np.zeros(response.shape, dtype=bool),
+        averages,
+        lengths,
+        spectra,
+        joint,
+    )
+    return replace(found, usable=_usable(found))
+
+
+def detrended(signals: np.ndarray) -> np.ndarray:
+    """Signals ``(S, N)`` without the straight lines that fit them best."""
+    count = signals.shape[1]
+    line = np.linspace(-1.0, 1.0, count)
+    level = signals.mean(axis=1, keepdims=True)
+    slope = (signals @ line / max(float(line @ line), 1e-300))[:, None]
+    return np.asarray(signals - level - slope * line)
+
+
+def _segments(records: list[np.ndarray], step: float, frequency: np.ndarray, spectra: Spectra) -> Segments:
+    if spectra.tapers:
+        return sine_segments(records, step, spectra.tapers, frequency, spectra.derivatives)
+    longest = max(each.shape[1] for each in records) * step
+    lengths = [each for each in spectra.windows if each <= longest * (1.0 + 1e-9)]
+    if not lengths:
+        what = f"no window is as short as the longest record, {longest:.4g} s"
+        raise RecordError(what, where="windows", remedy="give shorter windows or a longer record")
+    return hann_segments(records, step, lengths, frequency, spectra.derivatives)
+
+
+def _weights(segments: Segments, output: int, inputs: slice, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights ``(R, F)`` of the segments, each window's by its random error, and the averages.
+
+    A window counts as (least error / its error)^4, shared among its segments.
+    """
+    x, y = segments.transforms[inputs, 0], segments.transforms[[output], 0]
+    errors = np.full((len(segments.lengths), usable.shape[1]), np.inf)
+    for number in range(len(segments.lengths)):
+        rows = segments.windows == number
+        own = usable[rows].astype(float)
+        there = own.any(axis=0)
+        if not there.any():
+            continue
+        averages = effective_averages(own, segments.overlap[rows][:, rows])
+        matrix = spectral_matrix(np.concatenate([x[:, rows], y[:, rows]]), own)
+        multiple, _ = coherences(matrix)
+        spare = np.maximum(averages - x.shape[0], 1e-3)
+        squared = (1.0 - multiple) / np.maximum(multiple, 1e-9) / (2.0 * spare)
+        errors[number] = np.where(there & (averages > x.shape[0] + 1.0), squared, np.inf)
+    errors = _smoothed(errors)
+    least = np.min(errors, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.where(np.isfinite(errors), (least / errors) ** (0.5 * _DOWN), 0.0)
+    ratio = np.where(np.isfinite(ratio), ratio, 0.0)
+    counts = np.bincount(segments.windows, minlength=len(segments.lengths))
+    share = ratio / np.maximum(counts, 1)[:, None]
+    weights = share[segments.windows] * usable
+    weights = np.where(weights.sum(axis=0) > 0.0, weights, usable.astype(float))
+    return weights, effective_averages(weights, segments.overlap)
+
+
+def _smoothed(errors: np.ndarray) -> np.ndarray:
+    """Squared errors ``(W, F)``, geometric means over neighbouring frequencies of one window."""
+    out = errors.copy()
+    for row, each in enumerate(errors):
+        known = np.isfinite(each)
+        if not known.any():
+            continue
+        logs = np.where(known, np.log(np.maximum(np.where(known, each, 1.0), 1e-300)), 0.0)
+        kernel = np.ones(min(_SIMILAR, each.size))
+        sums, count = np.convolve(logs, kernel, "same"), np.convolve(known, kernel, "same")
+        out[row] = np.where(known, np.exp(sums / np.maximum(count, 1.0)), np.inf)
+    return out
+
+
+def _pooled(
+    segments: Segments,
+    output: int,
+    inputs: slice,
+    left: slice,
+    weights: np.ndarray,
+    derivatives: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Response and deviation ``(q, F)`` and degrees ``(F,)`` by regression with as many derivatives
+    of the window as leave degrees of freedom."""
+    y = segments.transforms[output, 0]
+    q, count = inputs.stop - inputs.start, y.shape[1]
+    averages = effective_averages(weights, segments.overlap)
+    response, std = np.zeros((q, count), dtype=complex), np.zeros((q, count))
+    degrees, open_ = np.zeros(count), np.ones(count, dtype=bool)
+    for order in range(derivatives, -1, -1):
+        terms = order + 1
+        here = open_ & ((2.0 * (averages - terms * q) >= _SPARE) | (order == 0))
+        if not here.any():
+            continue
+        plain = np.arange(q) * terms
+        together = max(1, _NUMBERS // (len(y) * q * terms))
+        places = np.flatnonzero(here)
+        for at in (places[n : n + together] for n in range(0, places.size, together)):
+            z, instruments = (segments.transforms[each, :terms][..., at].reshape(q * terms, -1, at.size) for each in (inputs, left))
+            found = regress(y[:, at], z, weights[:, at], segments.overlap, instruments)
+            response[:, at] = found.coefficients[:, plain].T
+            std[:, at] = np.sqrt(np.einsum("fkk->fk", found.covariance).real[:, plain]).T
+            degrees[at] = found.degrees
+        open_ &= ~here
+    return response, std, degrees
+
+
+def _input_coherence(segments: Segments, inputs: slice, references: slice, weights: np.ndarray, *, joint: bool) -> np.ndarray:
+    """Coherence ``(q, F)`` of each input with the other inputs, or with the references."""
+    x = segments.transforms[inputs, 0]
+    rows = []
+    for one in range(len(x)):
+        others = segments.transforms[references, 0] if joint else np.delete(x, one, axis=0)
+        if not len(others):
+            rows.append(np.zeros(weights.shape[1]))
+            continue
+        rows.append(coherences(spectral_matrix(np.concatenate([others, x[[one]]]), weights))[0])
+    return np.array(rows)
+
+
+def _usable(found: FrequencyResponses) -> np.ndarray:
+    """The longest run of frequencies, in octaves, whose coherence reaches the limit.
+
+    The coherence is the median over neighbours. A joint estimate wants it of output and of input
+    with the references.
+    """
+    from scipy.ndimage import median_filter
+
+    out = np.zeros(found.response.shape, dtype=bool)
+    log = np.log(found.frequency)
+    for output, row in enumerate(found.partial_coherence):
+        for one, partial in enumerate(row):
+            if found.joint:
+                partial = np.minimum(found.coherence[output], found.input_coherence[one])
+            smooth = median_filter(partial, size=min(_SIMILAR, partial.size), mode="nearest")
+            good = smooth >= found.spectra.least_coherence
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
+            runs = list(zip(edges[::2], edges[1::2] - 1, strict=True))
+            if runs:
+                first, last = max(runs, key=lambda run: (log[run[1]] - log[run[0]], -run[0]))
+                out[output, one, first : last + 1] = True
+    return out
+
+
+def _continued(response: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    phase = np.angle(response)
+    start = int(np.flatnonzero(usable)[0]) if usable.any() else 0
+    ahead, behind = np.unwrap(phase[start:]), np.unwrap(phase[: start + 1][::-1])[::-1]
+    return np.asarray(np.concatenate([behind[:-1], ahead]))
+
+
+def _ends(frequency: np.ndarray, usable: np.ndarray) -> tuple[float, float] | None:
+    there = np.flatnonzero(usable)
+    return (float(frequency[there[0]]), float(frequency[there[-1]])) if there.size else None

@@ -1,0 +1,195 @@
+"""Windowed Fourier transforms of records at any frequencies, one row a segment.
+
+A segment is a stretch of a record under one window. Its transform is kept together with the
+transforms under the first and second derivative of the window. These describe what the window does
+to a response that changes with frequency: with ``y(t) = integral of h(s) x(t - s)`` and the Taylor
+series of ``w(t) = w((t - s) + s)``,
+
+    Y_w = H X_w + H_1 X_w' + H_2 X_w'' + ...,   H_n = integral of s^n / n! h(s) exp(-i omega s).
+
+Hann windows are Welch's segments ("The Use of Fast Fourier Transform for the Estimation of Power
+Spectra", IEEE Trans. Audio Electroacoustics 15(2), 1967). Sine tapers: Riedel and Sidorenko,
+"Minimum Bias Multiple Taper Spectral Estimation", IEEE Trans. Signal Processing 43(1), 1995.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+OVERLAP = 4  # a window is four steps long: successive windows share three quarters
+LOWEST = 2.0  # periods that a window must hold: its main lobe then stays clear of zero frequency
+_POINTS = 8  # samples of a window in a step, for inner products of windows
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Transforms of several signals, a row for each segment.
+
+    Attributes
+    ----------
+    transforms : complex ``(S, D, R, F)``: signal, derivative of the window, segment, frequency;
+        the phase counts from the first sample of the record. The windows have unit energy.
+    windows : ``(R,)``, number of the window length of each row.
+    lengths : s, the window lengths.
+    overlap : sparse ``(R, R)``, inner products of the windows: the correlation of white noise in two rows.
+    """
+
+    transforms: np.ndarray
+    windows: np.ndarray
+    lengths: tuple[float, ...]
+    overlap: csr_array
+
+    def usable(self, frequency: np.ndarray) -> np.ndarray:
+        """Whether a row's window is long enough for a frequency in Hz, bool ``(R, F)``."""
+        lengths = np.array(self.lengths)[self.windows]
+        return np.asarray(frequency[None, :] * lengths[:, None] >= LOWEST * (1.0 - 1e-9))
+
+
+def hann_segments(
+    records: Sequence[np.ndarray],
+    step: float,
+    lengths: Sequence[float],
+    frequency: np.ndarray,
+    derivatives: int = 2,
+) -> Segments:
+    """Transforms of overlapping segments under Hann windows of several lengths.
+
+    Parameters
+    ----------
+    records : each ``(S, N)``: the same signals in the same order.
+    step : s, between samples. lengths : s, of the windows; a record that is shorter than one has
+        no segment of it.
+    frequency : Hz, ``(F,)``. derivatives : of the window, up to 2.
+    """
+    blocks, windows, starts, owners = [], [], [], []
+    for number, length in enumerate(lengths):
+        hop = max(2, round(length / (OVERLAP * step)))
+        for owner, signals in enumerate(records):
+            count = signals.shape[1] // hop - OVERLAP + 1
+            if count < 1:
+                continue
+            blocks.append(_hann_rows(signals, step, hop, count, frequency, derivatives))
+            windows.append(np.full(count, number))
+            starts.append(np.column_stack([hop * np.arange(count), np.full(count, OVERLAP * hop)]))
+            owners.append(np.full(count, owner))
+    overlap = _overlap(np.concatenate(starts) * step, np.concatenate(owners))
+    transforms = np.concatenate(blocks, axis=2)
+    return Segments(transforms, np.concatenate(windows), tuple(lengths), overlap)
+
+
+def sine_segments(
+    records: Sequence[np.ndarray],
+    step: float,
+    tapers: int,
+    frequency: np.ndarray,
+    derivatives: int = 2,
+) -> Segments:
+    """Transforms of whole records under orthogonal sine tapers, arguments as in ``hann_segments``."""
+    blocks = []
+    for signals in records:
+        count = signals.shape[1]
+        phase = math.pi * np.arange(1, count + 1) / (count + 1)
+        orders = np.arange(1, tapers + 1)[:, None]
+        rate = orders * math.pi / ((count + 1) * step)
+        size = math.sqrt(2.0 / (count + 1))
+        shapes = (np.sin(orders * phase), np.cos(orders * phase), -np.sin(orders * phase))
+        turns = -2j * math.pi * frequency * step
+        rows = np.stack(
+            [_transformed(signals[:, None, :] * (size * rate**n * shapes[n]), turns) for n in range(derivatives + 1)],
+            axis=1,
+        )
+        blocks.append(rows)
+    transforms = np.concatenate(blocks, axis=2)
+    shortest = min(signals.shape[1] for signals in records) * step
+    count = transforms.shape[2]
+    return Segments(transforms, np.zeros(count, dtype=int), (shortest,), csr_array(np.eye(count)))
+
+
+def _transformed(rows: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Sums of ``rows[..., n] exp(turns n)``, by blocks whose exponentials are made once."""
+    count = rows.shape[-1]
+    size = max(1, math.isqrt(count))
+    whole = -(-count // size)
+    padded = np.zeros((*rows.shape[:-1], whole * size))
+    padded[..., :count] = rows
+    inner = np.exp(np.arange(size)[:, None] * turns)
+    outer = np.exp(size * np.arange(whole)[:, None] * turns)
+    parts = padded.reshape(*rows.shape[:-1], whole, size)
+    return np.einsum("...bf,bf->...f", _product(parts, inner), outer)
+
+
+def _product(real: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    """A real array times a complex matrix, as two real products."""
+    return real @ factors.real + 1j * (real @ factors.imag)
+
+
+def _hann_rows(
+    signals: np.ndarray,
+    step: float,
+    hop: int,
+    count: int,
+    frequency: np.ndarray,
+    derivatives: int,
+) -> np.ndarray:
+    """Transforms ``(S, D, count, F)`` under Hann windows of ``OVERLAP * hop`` samples.
+
+    A Hann window is a constant and one cosine, so each transform is a sum of three transforms
+    without a window, each the sum of those of four blocks that do not overlap.
+    """
+    size = OVERLAP * hop
+    length = size * step
+    shift = 1.0 / length
+    plain = []
+    blocks = signals[:, : hop * (count + OVERLAP - 1)].reshape(len(signals), -1, hop)
+    for each in (frequency, frequency - shift, frequency + shift):
+        turns = -2j * math.pi * each * step
+        parts = _product(blocks, np.exp(np.arange(hop)[:, None] * turns))
+        late = np.exp(hop * np.arange(OVERLAP)[:, None] * turns)
+        plain.append(sum(parts[:, m : m + count] * late[m] for m in range(OVERLAP)))
+    middle, below, above = plain
+    energy = 1.0 / math.sqrt(0.375 * size)
+    rows = [energy * (0.5 * middle - 0.25 * (below + above))]
+    if derivatives > 0:
+        rows.append(energy * (math.pi / (2j * length)) * (below - above))
+    if derivatives > 1:
+        rows.append(energy * (math.pi / length) ** 2 * (below + above))
+    start = np.exp(-2j * math.pi * np.outer(hop * np.arange(count) * step, frequency))
+    return np.stack(rows, axis=1) * start
+
+
+def _overlap(spans: np.ndarray, owner: np.ndarray) -> csr_array:
+    """Inner products ``(R, R)`` of unit Hann windows from their starts and lengths, s."""
+    start, length = spans[:, 0], spans[:, 1]
+    grid = np.arange(OVERLAP * _POINTS) / (OVERLAP * _POINTS)
+    shape = 0.5 - 0.5 * np.cos(2.0 * math.pi * grid)
+    places, partners, products = [], [], []
+    # Rows of one record and one length follow each other by their starts.
+    edges = np.flatnonzero(np.any(np.diff(np.column_stack([owner, length]), axis=0), axis=1)) + 1
+    groups = list(zip([0, *edges.tolist()], [*edges.tolist(), len(spans)], strict=True))
+    for row in range(len(spans)):
+        # The shorter window's samples meet every longer or equal window.
+        near = []
+        for first, last in groups:
+            if owner[first] != owner[row] or length[first] < length[row]:
+                continue
+            ends = (start[row] - length[first], start[row] + length[row])
+            begin, end = np.searchsorted(start[first:last], ends)
+            near.append(np.arange(first + begin, first + end))
+        others = np.concatenate(near)
+        at = start[row] + length[row] * grid
+        inside = (at - start[others][:, None]) / length[others][:, None]
+        known = (inside > 0.0) & (inside < 1.0)
+        values = np.where(known, 0.5 - 0.5 * np.cos(2.0 * math.pi * inside), 0.0)
+        scale = np.sqrt(length[row] / length[others]) / (0.375 * grid.size)
+        found = values @ shape * scale
+        longer = length[others] > length[row]
+        places += [np.full(others.size, row), others[longer]]
+        partners += [others, np.full(np.count_nonzero(longer), row)]
+        products += [found, found[longer]]
+    where = (np.concatenate(places), np.concatenate(partners))
+    return csr_array((np.concatenate(products), where), shape=(len(spans), len(spans)))

@@ -1,1 +1,0 @@
-"""Campaigns of the tracing loop in Python."""

@@ -1,0 +1,231 @@
+"""`response` in Python: frequency responses of any record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.frequency_response import LEAST_COHERENCE
+from scenarios.api import plot
+from scenarios.api.asking import Found, Named, Source, Times, plan_from, request_of, with_parts
+from scenarios.api.records.opening import Choices
+from scenarios.api.running import KEPT
+from scenarios.api.shown import html
+from scenarios.api.shown.report import write_report
+from scenarios.plots.formats import formats_wanted
+from scenarios.responses import analysis
+from scenarios.responses.fitting import FitOptions
+from scenarios.responses.reading import Names
+from sim.errors import DeclarationError
+
+if TYPE_CHECKING:
+    import control
+    import pandas
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FrequencyResponse:
+    """Frequency responses of m outputs to q inputs. ``details``: everything the library knows."""
+
+    details: analysis.Responses
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return self.details.names.inputs
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return self.details.names.outputs
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Frequencies in Hz, ``(F,)``."""
+        return self.details.found.frequency
+
+    @property
+    def response(self) -> np.ndarray:
+        """Complex responses ``(m, q, F)``, in the unit of output over input."""
+        return self.details.found.response
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations of the real and of the imaginary part, ``(m, q, F)``."""
+        return self.details.found.std
+
+    @property
+    def coherence(self) -> np.ndarray:
+        """Multiple coherence ``(m, F)``; of one input its ordinary coherence."""
+        return self.details.found.coherence
+
+    @property
+    def usable(self) -> np.ndarray:
+        """The usable band, bool ``(m, q, F)``."""
+        return self.details.found.usable
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know, one sentence each."""
+        return self.details.cautions
+
+    def summary(self) -> str:
+        """What the command prints."""
+        from scenarios.responses.text import print_responses
+        from scenarios.terminal.numbers import as_text
+
+        return as_text(lambda out: print_responses(self.details, out, KEPT))
+
+    def to_dataframe(self, output: str | None = None, input: str | None = None) -> pandas.DataFrame:
+        """Numbers of one response by frequency, with the columns of ``responses.csv``.
+
+        ``output``, ``input`` : which; the first where they are not given.
+        """
+        import pandas
+
+        from scenarios.responses.files import response_columns
+
+        row = _place(output, self.outputs, "output")
+        column = _place(input, self.inputs, "input")
+        return pandas.DataFrame(response_columns(self.details, row, column)).set_index("frequency_Hz")
+
+    def to_control(self) -> control.FrequencyResponseData:
+        """The responses as python-control's, with the names of the signals, rad/s."""
+        return self.details.to_control()
+
+    @property
+    def flying_qualities(self) -> dict[str, dict[str, tuple[float, float]]]:
+        """Value and standard deviation of every flying quality by response, ``"q/stick"``."""
+        return {each.name: {name: (one.value, one.std) for name, (one, _) in each.numbers.items()} for each in self.details.qualities}
+
+    def to_transfer_function(self, output: str | None = None, input: str | None = None, pade: int = 2) -> control.TransferFunction:
+        """The fitted transfer function of one response as python-control's.
+
+        ``output``, ``input`` : which; the first where they are not given. ``pade`` : order of the
+        approximation of its delay; 0 leaves the delay out. Raises InputError where none is fitted.
+        """
+        import control
+
+        row = _place(output, self.outputs, "output")
+        column = _place(input, self.inputs, "input")
+        fits = self.details.fits
+        fitted = fits.of(row, column) if fits is not None else None
+        if fitted is None:
+            remedy = "name a form (fit)"
+            raise DeclarationError("no transfer function is fitted", where="response", remedy=remedy)
+        function, _ = fitted
+        plain = control.tf(function.numerator, function.denominator)
+        late = function.values["delay"]
+        return plain if pade < 1 or not late > 0.0 else plain * control.tf(*control.pade(late, pade))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of ``responses.json``."""
+        from scenarios.responses.files import responses_content
+
+        return responses_content(self.details)
+
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+        """Write JSON, CSV, figures and page as the command does with ``--out``; returns the folder."""
+        from scenarios.responses.files import write_responses
+
+        return write_responses(self.details, Path(folder), figures=formats_wanted(figures))
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
+
+    @property
+    def plot(self) -> plot.Figures:
+        """Figures of this result: ``found.plot.response()``, ``mismatch()``, ``bandwidth()``."""
+        return plot.Figures(self, plot.response, plot.mismatch, plot.bandwidth)
+
+    def __repr__(self) -> str:
+        some = ", ".join(f"{output}/{one}" for output in self.outputs for one in self.inputs)
+        return f"<FrequencyResponse {some:.200}: {self.frequency.size} frequencies>"
+
+    def _repr_html_(self) -> str:
+        from scenarios.responses.text import band_sentence
+
+        rows = [[name, band_sentence(self.details, row, column)] for row, column, name in analysis.pairs(self.details)]
+        title = f"frequency responses of {', '.join(self.details.parts[:3])}"
+        table = html.table(("response", "usable band"), rows, left=2)
+        return html.page(title, table, html.sentences(self.warnings))
+
+
+def frequency_response(
+    records: Source | Sequence[Source],
+    input: str | Sequence[str],
+    output: str | Sequence[str],
+    *,
+    reference: str | Sequence[str] = (),
+    channels: Choices | None = None,
+    columns: str | Sequence[str] | None = None,
+    start: Times = None,
+    stop: Times = None,
+    maneuver: Named = None,
+    maneuvers: Found = None,
+    hold: str | None = None,
+    rate: float | None = None,
+    lowpass: float | None = None,
+    band: tuple[float, float] | None = None,
+    window: float | Sequence[float] = (),
+    tapers: int = 0,
+    coherence: float = LEAST_COHERENCE,
+    fit: str | Sequence[str] | Mapping[str, str] = (),
+    fix: Mapping[str, float] | None = None,
+    shared_poles: bool = False,
+    bandwidth: str | None = None,
+) -> FrequencyResponse:
+    """Estimate frequency responses from records: ``flightid response`` in Python.
+
+    Parameters
+    ----------
+    records : one or several, which are pooled; each a ``Record`` or whatever ``read_record`` takes.
+    input, output : names of columns or channels, one or a list. Several inputs give conditioned
+        responses: of each input with the others held.
+    reference : with feedback, excitations that the noise does not reach, one for each input.
+    channels, columns, start, stop, maneuver, maneuvers, hold, rate, lowpass : as in ``identify``.
+    band : lowest and highest frequency, Hz; None takes it from the windows and the inputs' power.
+    window : lengths of the windows, s; none takes four. tapers : sine tapers instead of windows.
+    coherence : least one of the usable band.
+    fit : form of a transfer function for every output, or ``{output: form}``: ``"pitch"``,
+        ``"roll"``, ``"dutch-roll"``, ``"roll-and-dutch-roll"``, or orders such as ``"1/2"``.
+    fix : parameters of the forms that are held. shared_poles : one denominator for all.
+    bandwidth : ``"rate"`` or ``"attitude"``, what the outputs are: gives bandwidth and phase delay.
+
+    Raises
+    ------
+    InputError : anything in records or arguments that keeps them from being used, in one line.
+    """
+    plan = plan_from(start, stop, hold, rate, lowpass, False, columns)
+    request = with_parts(request_of(records, channels=channels, plan=plan), maneuver, maneuvers)
+    names = Names(_names(input), _names(output), _names(reference))
+    given = None if band is None else (float(band[0]), float(band[1]))
+    options = analysis.Options(given, _lengths(window), tapers, coherence)
+    forms = tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else _names(fit)
+    held = tuple(f"{name}={float(value)!r}" for name, value in (fix or {}).items())
+    wanted = FitOptions(forms, held, shared_poles)
+    return FrequencyResponse(analysis.responses_of(request, names, options, wanted, bandwidth))
+
+
+def _names(given: str | Sequence[str]) -> tuple[str, ...]:
+    return (given,) if isinstance(given, str) else tuple(given)
+
+
+def _place(name: str | None, names: Sequence[str], kind: str) -> int:
+    if name is None:
+        return 0
+    if name not in names:
+        remedy = f"it has {', '.join(names)}"
+        raise DeclarationError(f"there is no {kind} {name!r}", where="response", remedy=remedy)
+    return list(names).index(name)
+
+
+def _lengths(given: float | Sequence[float]) -> tuple[float, ...]:
+    several = [given] if isinstance(given, int | float) else given
+    return tuple(map(float, several))

@@ -1,0 +1,272 @@
+"""Transfer functions fitted to the estimated responses: which forms, the mismatch, how it is judged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.frequency_response import FrequencyResponses
+from ident.frequency_response.transfer_function import (
+    BEST,
+    FORMS,
+    GOOD,
+    PILOTED,
+    FittedResponse,
+    Target,
+    TransferFit,
+    fit_transfer_functions,
+    form_of,
+    unnoticeable,
+)
+from scenarios.responses.reading import Names
+from sim.errors import DeclarationError, ModelError, RecordError
+
+NO_DELAY = 1e-9  # s, below which a delay is rounding
+UNCERTAIN, INSENSITIVE = 0.2, 0.1  # of a value: Tischler and Remple's limits of both deviations
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Which transfer functions are fitted.
+
+    Attributes
+    ----------
+    forms : ``FORM`` for every response or ``OUTPUT=FORM``; empty fits none.
+    fixed : ``NAME=VALUE``. shared_poles : all denominators are the same.
+    """
+
+    forms: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()
+    shared_poles: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.forms and (self.fixed or self.shared_poles):
+            option = "--fix" if self.fixed else "--shared-poles"
+            raise DeclarationError("no form is named", where=option, remedy="add --fit FORM")
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The fixed parameters."""
+        out = {}
+        for text in self.fixed:
+            name, _, value = text.partition("=")
+            try:
+                out[name.strip()] = float(value)
+            except ValueError:
+                remedy = "write NAME=VALUE, as in delay=0"
+                raise DeclarationError(f"{text!r} fixes nothing", where="--fix", remedy=remedy) from None
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Mismatch:
+    """Fitted response over estimated one along its usable band.
+
+    Attributes
+    ----------
+    frequency : Hz. gain : dB, phase : deg, of the estimate over the model.
+    gain_error, phase_error : half widths of their 95 % bands.
+    """
+
+    frequency: np.ndarray
+    gain: np.ndarray
+    phase: np.ndarray
+    gain_error: np.ndarray
+    phase_error: np.ndarray
+
+    @property
+    def piloted(self) -> np.ndarray:
+        """Where the envelopes of unnoticeable dynamics are judged, bool."""
+        omega = 2.0 * math.pi * self.frequency
+        return np.asarray((omega >= PILOTED[0]) & (omega <= PILOTED[1]))
+
+    @property
+    def outside(self) -> np.ndarray:
+        """Where the mismatch is beyond the envelopes by more than its 95 % band, bool."""
+        limits = unnoticeable(2.0 * math.pi * self.frequency)
+        gain = (self.gain - self.gain_error > limits.high_gain) | (self.gain + self.gain_error < limits.low_gain)
+        phase = (self.phase - self.phase_error > limits.high_phase) | (self.phase + self.phase_error < limits.low_phase)
+        return np.asarray((gain | phase) & self.piloted)
+
+
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """Transfer functions of some responses.
+
+    Attributes
+    ----------
+    fit : all of them. places : row and column of the response of each. mismatches : of each.
+    """
+
+    fit: TransferFit
+    places: tuple[tuple[int, int], ...]
+    mismatches: tuple[Mismatch, ...]
+
+    def of(self, row: int, column: int) -> tuple[FittedResponse, Mismatch] | None:
+        """The function of a response and its mismatch; None where none was fitted."""
+        if (row, column) not in self.places:
+            return None
+        at = self.places.index((row, column))
+        return self.fit.functions[at], self.mismatches[at]
+
+
+def fits_of(found: FrequencyResponses, names: Names, options: FitOptions) -> Fits | None:
+    """Fit the forms to the responses in their usable bands; None where no form is named.
+
+    Raises DeclarationError, RecordError or ModelError in one line.
+    """
+    if not options.forms:
+        return None
+    by_output = _by_output(options.forms, names.outputs)
+    places, targets, forms = [], [], []
+    for row, output in enumerate(names.outputs):
+        for column, one in enumerate(names.inputs):
+            if output not in by_output:
+                continue
+            usable = found.usable[row, column]
+            if not usable.any():
+                what = f"no usable band of {output}/{one} to fit"
+                raise RecordError(what, where="--fit", remedy="lower --coherence, or leave it out")
+            targets.append(target_of(found, (row, column), f"{output}/{one}"))
+            places.append((row, column))
+            forms.append(form_of(by_output[output]))
+    try:
+        fit = fit_transfer_functions(targets, forms, options.values, shared_poles=options.shared_poles)
+    except ModelError as error:
+        option = {"fix": "--fix", "shared poles": "--shared-poles"}.get(error.where, "--fit")
+        raise DeclarationError(error.what, where=option, remedy=error.remedy) from None
+    each = tuple(_mismatch(found, place, function) for place, function in zip(places, fit.functions, strict=True))
+    return Fits(fit, tuple(places), each)
+
+
+def target_of(found: FrequencyResponses, place: tuple[int, int], name: str) -> Target:
+    """The usable band of a response, as it is fitted."""
+    usable = found.usable[place]
+    likeness = found.coherence[place[0]] if found.joint else found.partial_coherence[place]
+    return Target(
+        name,
+        2.0 * math.pi * found.frequency[usable],
+        found.response[place][usable],
+        likeness[usable],
+        found.std[place][usable],
+        float(np.median(found.lengths[place[0]][usable])),
+    )
+
+
+def _by_output(forms: Sequence[str], outputs: Sequence[str]) -> Mapping[str, str]:
+    out: dict[str, str] = {}
+    for text in forms:
+        output, equals, form = text.rpartition("=")
+        if equals and output not in outputs:
+            remedy = f"the outputs are {', '.join(outputs)}"
+            raise DeclarationError(f"there is no output {output!r}", where="--fit", remedy=remedy)
+        try:
+            form_of(form)
+        except ModelError as error:
+            raise DeclarationError(error.what, where="--fit", remedy=error.remedy) from None
+        for name in (output,) if equals else outputs:
+            if name in out:
+                what = f"two forms for {name}"
+                raise DeclarationError(what, where="--fit", remedy="name one for each output")
+            out[name] = form
+    return out
+
+
+def _mismatch(found: FrequencyResponses, place: tuple[int, int], function: FittedResponse) -> Mismatch:
+    usable = found.usable[place]
+    frequency = found.frequency[usable]
+    response = found.response[place][usable]
+    ratio = response / function.response(2.0 * math.pi * frequency)
+    share = np.minimum((found.half_width()[place] / np.abs(found.response[place]))[usable], 0.999)
+    turn = found.phase_half_width()[place][usable]
+    return Mismatch(
+        frequency,
+        20.0 * np.log10(np.abs(ratio)),
+        np.degrees(np.angle(ratio)),
+        -20.0 * np.log10(1.0 - share),
+        np.degrees(turn),
+    )
+
+
+def cost_sentence(function: FittedResponse) -> str:
+    """``"cost 12.3: hardly to be told from the data (below 50)"``."""
+    cost = function.cost
+    if cost <= BEST:
+        said = f"close to the data (below {BEST:g})"
+    elif cost <= GOOD:
+        said = f"acceptable (below {GOOD:g})"
+    else:
+        said = f"the form does not describe the response (above {GOOD:g})"
+    return f"cost {cost:.3g}: {said}"
+
+
+def envelope_sentence(function: FittedResponse, mismatch: Mismatch) -> str:
+    """Whether the mismatch of a low-order form would be noticed; empty for plain orders."""
+    if function.form.name not in FORMS or not mismatch.piloted.any():
+        return ""
+    outside = mismatch.outside
+    rad = 2.0 * math.pi * mismatch.frequency
+    judged = rad[mismatch.piloted]
+    band = f"{judged[0]:.3g} to {judged[-1]:.3g} rad/s"
+    if not outside.any():
+        return f"mismatch within the envelopes of unnoticeable added dynamics, {band}"
+    beyond = rad[outside]
+    return (
+        f"mismatch beyond the envelopes of unnoticeable added dynamics at {outside.sum()} of "
+        f"{judged.size} frequencies from {band}, first at {beyond[0]:.3g} rad/s"
+    )
+
+
+def transfer_text(function: FittedResponse) -> str:
+    """``"(5.98 s + 7.3) / (s^2 + 3.2 s + 16.1) exp(-0.0101 s)"``."""
+    top, bottom = _polynomial(function.numerator), _polynomial(function.denominator)
+    late = function.values["delay"]
+    return f"({top}) / ({bottom})" + (f" exp(-{late:.4g} s)" if late > NO_DELAY else "")
+
+
+def _polynomial(coefficients: np.ndarray) -> str:
+    order = len(coefficients) - 1
+    parts: list[str] = []
+    for n, value in enumerate(coefficients.tolist()):
+        power = order - n
+        letter = "" if power == 0 else "s" if power == 1 else f"s^{power}"
+        number = f"{abs(value):.4g}"
+        body = letter if letter and number == "1" else f"{number} {letter}".strip()
+        sign = "-" if value < 0 else "+"
+        parts.append((f"{sign} " if parts else ("-" if value < 0 else "")) + body)
+    return " ".join(parts)
+
+
+def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
+    """What a user should know of the fits, one sentence each."""
+    if fits is None:
+        return ()
+    out = [] if fits.fit.converged else ["the search for the transfer functions did not end"]
+    for function in fits.fit.functions:
+        if function.cost > GOOD:
+            out.append(f"{function.name}, {function.form.name}: {cost_sentence(function)}")
+        uncertain = [name for name in function.std if _hardly_determined(function, name)]
+        if _may_be_none(function):
+            late, std = function.values["delay"], function.std["delay"]
+            shown = late if late > NO_DELAY else 0.0
+            out.append(f"{function.name}: the delay is {shown:.2g} +- {std:.2g} s, which may be none; --fix delay=0 leaves it out")
+            uncertain = [name for name in uncertain if name != "delay"]
+        if uncertain:
+            limits = f"deviation above {100 * UNCERTAIN:.0f} % or {100 * INSENSITIVE:.0f} % alone"
+            said = f"{function.name}: {', '.join(uncertain)} hardly determined ({limits})"
+            out.append(f"{said}; fix one of them with --fix, or take a lower order")
+    return tuple(out)
+
+
+def _hardly_determined(function: FittedResponse, name: str) -> bool:
+    """Whether one of the two deviations of a free parameter exceeds its limit."""
+    size = abs(function.values[name])
+    return function.std[name] > UNCERTAIN * size or function.insensitivity[name] > INSENSITIVE * size
+
+
+def _may_be_none(function: FittedResponse) -> bool:
+    """Whether a free delay differs from zero by less than two standard deviations."""
+    return "delay" in function.std and function.values["delay"] < 2.0 * function.std["delay"]

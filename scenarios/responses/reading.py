@@ -1,0 +1,234 @@
+"""Signals of record files by the names of their columns, for frequency responses.
+
+A name is a channel of flightid, which is then read as everywhere (SI, radians), or the header of
+any column, whose numbers and unit stay as they are. Of a log of several topics ``TOPIC.FIELD``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.frequency_response import Signals
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME, split_header
+from scenarios.files.channels import ColumnChoice
+from scenarios.files.formats.cells import Table
+from scenarios.files.measured.derived import stated_unit
+from scenarios.files.measured.record_file import RecordFile, with_names
+from scenarios.files.records import read_with_notes
+from scenarios.preparation.filtering import filtered
+from scenarios.preparation.gaps import split_at_gaps
+from scenarios.preparation.plan import Plan
+from sim.errors import DeclarationError, RecordError
+from sim.record import Channel, Hold, Record
+
+EVEN = 0.01  # of the step, by which even samples may be off
+MOST_MISSING = 0.1  # share of an output's samples that may be joined by lines
+FEWEST = 64  # samples of a record
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names of inputs, outputs and references, as they were asked for."""
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    references: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for option, names in (("--input", self.inputs), ("--output", self.outputs)):
+            if not names:
+                remedy = "name a column or channel of the record"
+                raise DeclarationError("no signal is named", where=option, remedy=remedy)
+        every = (*self.inputs, *self.outputs, *self.references)
+        twice = next((name for name in every if every.count(name) > 1), None)
+        if twice is not None:
+            what = f"{twice} is named twice"
+            raise DeclarationError(what, where="--input, --output", remedy="name each signal once")
+        if self.references and len(self.references) != len(self.inputs):
+            what = f"{len(self.references)} for {len(self.inputs)} inputs"
+            remedy = "name one reference for each input"
+            raise DeclarationError(what, where="--reference", remedy=remedy)
+
+
+@dataclass(frozen=True, eq=False)
+class ReadSignals:
+    """The signals of all records and parts.
+
+    Attributes
+    ----------
+    signals : one a part. names, durations, rates : of the parts; s and Hz.
+    units : by the name of the signal. hold_steps : s, the step between input samples that the
+        record says are held between them; 0 where it does not.
+    notes : what was done, one sentence each.
+    """
+
+    signals: tuple[Signals, ...]
+    names: tuple[str, ...]
+    durations: tuple[float, ...]
+    units: Mapping[str, str]
+    hold: Hold | None
+    step: float
+    notes: tuple[str, ...]
+
+
+def read_signals(
+    files: Sequence[RecordFile],
+    names: Names,
+    plan: Plan,
+    channels: Mapping[str, ColumnChoice] | None = None,
+) -> ReadSignals:
+    """Read the named signals of every record and every part of the plan.
+
+    Raises
+    ------
+    RecordError : a column that is not there, a gap, a part that is too short, in one line.
+    """
+    records: list[Record] = []
+    notes: list[str] = list(plan.chosen)
+    holds = set()
+    for file in files:
+        file = with_names(file, plan.columns)
+        says = file.sidecar.hold if file.sidecar.says_hold else None
+        holds.add(plan.hold or says)
+        for segment in plan.segments:
+            record, said = _read(file, names, plan, channels, segment.start, segment.stop)
+            notes += said
+            parts, gaps = split_at_gaps(record)
+            notes += [f"{record.name}: {gaps}"] if gaps else []
+            for part in parts:
+                part, sentence = filtered(part, plan)
+                notes += [sentence] if sentence else []
+                records.append(part)
+    step = float(np.median(np.diff(records[0].time)))
+    _refuse_other_kinds(records, step)
+    signals = []
+    for record in records:
+        even, said = _even(record, step)
+        notes += said
+        signals.append(_signals(even, names, step))
+    units = {channel.name: channel.unit for channel in records[0].channels}
+    hold = holds.pop() if len(holds) == 1 else None
+    return ReadSignals(
+        tuple(signals),
+        tuple(record.name for record in records),
+        tuple(each.outputs.shape[1] * step for each in signals),
+        units,
+        None if plan.rate is not None or plan.lowpass is not None else hold,
+        step,
+        tuple(dict.fromkeys(notes)),
+    )
+
+
+def _refuse_other_kinds(records: Sequence[Record], step: float) -> None:
+    """Raise RecordError where records have another rate or other units than the first."""
+    for record in records[1:]:
+        own = float(np.median(np.diff(record.time)))
+        if abs(own / step - 1.0) > EVEN:
+            what = f"{1.0 / own:.4g} samples a second, and {1.0 / step:.4g} in {records[0].name}"
+            remedy = "resample all records with --rate HZ"
+            raise RecordError(what, where=record.name, remedy=remedy)
+        for channel in record.channels:
+            first = records[0][channel.name].unit
+            if channel.unit != first:
+                what = f"{channel.name} is in {channel.unit or 'no unit'}, and in {first or 'no unit'}"
+                raise RecordError(
+                    f"{what} in {records[0].name}",
+                    where=record.name,
+                    remedy="give all records the same units, or a channel map",
+                )
+
+
+def _read(
+    file: RecordFile,
+    names: Names,
+    plan: Plan,
+    channels: Mapping[str, ColumnChoice] | None,
+    start: float | None,
+    stop: float | None,
+) -> tuple[Record, list[str]]:
+    every = (*names.inputs, *names.references, *names.outputs)
+    choices = {**file.choices, **(channels or {})}
+    known = dict(CHANNEL_UNITS)
+    for name in every:
+        if name == TIME:
+            remedy = "name a signal"
+            raise DeclarationError("time is no signal", where="--input, --output", remedy=remedy)
+        if name in CHANNEL_UNITS or name in choices:
+            known.setdefault(name, "")
+            continue
+        known[name] = ""
+        choices[name] = ColumnChoice(name, _unit(file, name))
+    record, notes = read_with_notes(
+        file,
+        (*names.inputs, *names.references),
+        names.outputs,
+        {name: each for name, each in choices.items() if name in every or name == TIME},
+        start,
+        stop,
+        hold=plan.hold,
+        known=known,
+        rate=plan.rate,
+    )
+    missing = [name for name in names.outputs if name not in record.output_names]
+    if missing:
+        remedy = "flightid map FILE lists its columns"
+        raise RecordError(f"there is no column {missing[0]!r}", where=str(file.path), remedy=remedy)
+    return record, [f"{record.name}: {note}" for note in notes]
+
+
+def _unit(file: RecordFile, name: str) -> str | None:
+    """The unit that a file states of a column; None where it states none or has no such column."""
+    tables: list[tuple[str, Table]] = [(topic.name, topic.table) for topic in file.topics]
+    for prefix, table in tables or [("", file.table)]:
+        for index, cell in enumerate(table.header):
+            bare = split_header(cell)[0]
+            called = {cell, bare} | ({f"{prefix}.{cell}", f"{prefix}.{bare}"} if prefix else set())
+            if name in called:
+                return stated_unit(table, index)
+    return None
+
+
+def _even(record: Record, step: float) -> tuple[Record, list[str]]:
+    """A record at even steps of ``step`` without missing samples, and what was done for it."""
+    notes = []
+    time = record.time
+    for channel in record.outputs:
+        missing = 1.0 - float(channel.valid.mean())
+        if missing > MOST_MISSING:
+            what = f"{100.0 * missing:.0f} % of the samples of {channel.name} are missing"
+            remedy = "give --rate HZ near its own rate, or choose another part"
+            raise RecordError(what, where=record.name, remedy=remedy)
+        if missing > 0.0:
+            share = f"{100.0 * missing:.2g} % of its samples are missing and joined by lines"
+            notes.append(f"{record.name}: {channel.name}: {share}")
+    even = bool(np.all(np.abs(np.diff(time) - step) <= EVEN * step))
+    if even and not notes:
+        return record, notes
+    grid = time if even else time[0] + step * np.arange(int((time[-1] - time[0]) / step + 1e-6) + 1)
+    if not even:
+        rate = f"{1.0 / step:.4g} Hz"
+        notes.append(f"{record.name}: its uneven samples are joined by lines on a grid of {rate}")
+
+    def on(channel: Channel) -> Channel:
+        values = np.interp(grid, time[channel.valid], channel.values[channel.valid])
+        return Channel.of(channel.name, channel.unit, values)
+
+    inputs, outputs = tuple(map(on, record.inputs)), tuple(map(on, record.outputs))
+    return replace(record, time=grid, inputs=inputs, outputs=outputs), notes
+
+
+def _signals(record: Record, names: Names, step: float) -> Signals:
+    if len(record) < FEWEST:
+        what = f"{len(record)} samples are too few for a frequency response"
+        raise RecordError(what, where=record.name, remedy=f"give a part of {FEWEST} or more")
+    for name in (*names.inputs, *names.references, *names.outputs):
+        values = record[name].values
+        if not np.ptp(values) > 0.0:
+            what, where = "it does not move", f"{record.name}, {name}"
+            raise RecordError(what, where=where, remedy="choose a part with a maneuver")
+    rows = [record.input_array(group) for group in (names.inputs, names.references)]
+    outputs = record.output_array(names.outputs)[0]
+    return Signals(step, rows[0], outputs, rows[1])

@@ -1,1 +1,0 @@
-"""Causes that no effect of the library names."""

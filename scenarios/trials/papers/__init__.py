@@ -1,1 +1,0 @@
-"""Papers of an examination: flights drawn at random, what is hidden in them, and their marks."""

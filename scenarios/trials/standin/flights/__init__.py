@@ -1,1 +1,0 @@
-"""How a stand-in flies: aircraft, what is drawn, maneuvers, small causes, records."""

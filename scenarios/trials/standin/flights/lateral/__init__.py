@@ -1,1 +1,0 @@
-"""How a stand-in of the lateral axis flies."""

@@ -1,0 +1,87 @@
+"""Measured aircraft by the commands that their owners would give; where the records are."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.integration.command_line import CommandLine
+
+ROOT = Path(__file__).parents[3]
+AIRCRAFT = ROOT.parent / "shared" / "flightdata" / "aircraft"
+PAGE = ROOT / "docs" / "how-to" / "lateral-and-longitudinal.md"
+ATTAS = """
+time = 1
+phi = {column = 10, unit = "deg"}
+airspeed = 15
+elevator = {column = 22, unit = "deg"}
+aileron = {column = "0.5*(NAME28 - NAME29)", unit = "deg"}
+rudder = {column = 30, unit = "deg"}
+"""
+HFB = ("hfb320.asc", "--model", "longitudinal", "--vehicle", "hfb320.toml", "--channels", "map.toml", "--no-figures")
+# Axis, kind, first and last second of each maneuver, as they are seen in the figures.
+FLOWN = {
+    "fAttasAil1": [("roll", "multistep", 55.8, 60.5)],
+    "fAttasRud1": [("yaw", "doublet", 116.4, 118.7)],
+    "fAttasAilRud1": [("roll", "multistep", 55.8, 60.5), ("yaw", "doublet", 116.4, 118.7)],
+    "fAttasAilRud2": [("roll", "multistep", 83.3, 89.1), ("yaw", "doublet", 144.9, 147.3)],
+    "hfb320": [("pitch", "3-2-1-1", 4.5, 11.8), ("pitch", "step", 25.4, 41.3)],
+}
+
+
+def present(name: str) -> Path:
+    path = AIRCRAFT / name
+    if not path.is_file():
+        pytest.skip(f"the measured record {name} is not here")
+    return path
+
+
+def hfb(folder: Path) -> None:
+    """The record, the channel map and the vehicle file of the page."""
+    section = PAGE.read_text(encoding="utf-8").split("## A measured record in turbulence")[1]
+    channels, vehicle = re.findall(r"```toml\n(.*?)```", section, re.DOTALL)[:2]
+    (folder / "hfb320.asc").write_bytes(present("hfb320_1_10_withHeader.asc").read_bytes())
+    (folder / "map.toml").write_text(channels)
+    (folder / "hfb320.toml").write_text(vehicle)
+
+
+def in_sigmas(content: dict[str, Any], name: str, value: float) -> float:
+    row = content["parameters"][name]
+    return abs(row["estimate"] - value) / float(row["std"])
+
+
+@pytest.mark.slow
+def test_hfb_320_by_the_commands_of_the_page(flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    hfb(tmp_path)
+    told = " ".join(flightid.done("identify", *HFB).split())
+    command = " ".join(["flightid identify", *HFB[:-1], "--method filter-error"])
+    assert "one cause moves the residuals of airspeed, alpha, theta, q, nz and nx" in told and command in told
+    flightid.done(*command.split()[1:], "--no-figures", "--out", "fe")
+    content = json.loads((tmp_path / "fe" / "comparison.json").read_text())
+    assert content["outcome"] == "converged"
+    # The published model: nothing of it is in the commands but its structure.
+    assert in_sigmas(content, "CL_alpha", 4.328) < 2.0 and in_sigmas(content, "Cm_q", -34.7) < 1.0
+    for name, value in {"CD_V": -0.0645, "CD_alpha": 0.320, "CL_V": 0.1487, "Cm_de": -1.529}.items():
+        assert in_sigmas(content, name, value) < 2.5, name
+    assert {"held", "linear"} & set(" ".join(content["notes"] + content["warnings"]).split()), "the reading of the inputs is said"
+
+
+@pytest.mark.parametrize("name", list(FLOWN))
+def test_maneuvers_of_measured_flights(flightid: CommandLine, tmp_path: Path, name: str) -> None:
+    if name == "hfb320":
+        hfb(tmp_path)
+        record = tmp_path / "hfb320.asc"
+    else:
+        record = present(f"{name}.mat")
+        (tmp_path / "map.toml").write_text(ATTAS.replace("NAME", name))
+    flightid.done("maneuvers", record, "--channels", tmp_path / "map.toml", "--no-figures", "--out", tmp_path / "found")
+    found = json.loads((tmp_path / "found" / "maneuvers.json").read_text())["maneuvers"]
+    moves = [each for each in found if each["kind"] != "trim"]
+    assert [(each["axis"], each["kind"]) for each in moves] == [(axis, kind) for axis, kind, _, _ in FLOWN[name]]
+    for each, (_, _, start, end) in zip(moves, FLOWN[name], strict=True):
+        assert [each["start"], each["end"]] == pytest.approx([start, end], abs=0.3)

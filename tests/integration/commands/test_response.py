@@ -1,0 +1,341 @@
+"""`flightid response`: any record and any column, from a terminal and from Python."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+import flightid as fid
+from scenarios.cli import main
+from tests.recorders.logs import write_dataflash
+
+RATE = 400.0
+LAG, DELAY, GAIN = 0.08, 0.02, 0.9  # s, s, of the roll rate behind its target
+
+
+def typed(*words: str | Path) -> int:
+    """Exit code of a command."""
+    with pytest.raises(SystemExit) as ended:
+        main([str(word) for word in words])
+    return int(ended.value.code or 0)
+
+
+def chirp_flight(seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time, target and measured roll rate (deg/s) of a frequency sweep of 60 s at 400 Hz."""
+    time = np.arange(int(60.0 * RATE)) / RATE
+    target = 20.0 * signal.chirp(time, 0.1, 60.0, 8.0, method="logarithmic")
+    decay = math.exp(-1.0 / (RATE * LAG))
+    late = np.concatenate([np.zeros(round(DELAY * RATE)), target])[: time.size]
+    rate = GAIN * signal.lfilter([1.0 - decay], [1.0, -decay], late)
+    return time, target, rate + np.random.default_rng(seed).normal(0.0, 1.0, time.size)
+
+
+def write_log(folder: Path) -> Path:
+    """A DataFlash log with the messages of ArduPilot's system identification mode."""
+    time, target, rate = chirp_flight()
+    stamps = np.round(1e6 * (5.0 + time)).astype(int)
+    zero = np.zeros_like(time)
+    messages = {
+        "SIDD": {"TimeUS": stamps, "Time": time, "Targ": target, "Gx": rate, "Gy": zero},
+        "RATE": {"TimeUS": stamps[::4], "RDes": target[::4], "R": rate[::4]},
+    }
+    units = {"SIDD": "ss-kk", "RATE": "skk"}
+    return write_dataflash(folder / "00000012.BIN", messages, units)
+
+
+def exact(frequency: np.ndarray) -> np.ndarray:
+    """Of the lag as it is simulated, sample by sample."""
+    later = np.exp(-2j * math.pi * frequency / RATE)
+    decay = math.exp(-1.0 / (RATE * LAG))
+    return GAIN * later ** round(DELAY * RATE) * (1.0 - decay) / (1.0 - decay * later)
+
+
+def write_csv(folder: Path, name: str = "flight.csv", **columns: np.ndarray) -> Path:
+    path = folder / name
+    rows = zip(*columns.values(), strict=True)
+    lines = [",".join(columns), *(",".join(repr(float(cell)) for cell in row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def test_a_log_of_a_recorder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, out = write_log(tmp_path), tmp_path / "bode"
+    words = ["response", str(log), "--input", "SIDD.Targ", "--output", "SIDD.Gx", "--out", str(out)]
+    assert typed(*words) == 0
+    printed = capsys.readouterr().out
+    assert "SIDD.Gx/SIDD.Targ" in printed and "usable from" in printed and "decimated from 400" in printed
+    found = json.loads((out / "responses.json").read_text())
+    assert found["schema"] == "flightid/responses/1" and found["method"] == "direct"
+    one = found["responses"][0]
+    usable = np.array(one["usable"])
+    low, high = one["usable_band_Hz"]
+    assert low < 0.3 and high > 4.0
+    frequency = np.array(one["frequency_Hz"])
+    response = np.array(one["real"]) + 1j * np.array(one["imaginary"])
+    error = np.abs(response / exact(frequency) - 1.0)[usable]
+    assert np.median(error) < 0.03
+    inside = np.abs(response - exact(frequency)) <= 2.5 * np.array(one["std"])
+    assert np.mean(inside[usable]) > 0.85
+    with (out / "responses.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == frequency.size and rows[0]["output"] == "SIDD.Gx"
+    assert float(rows[3]["real"]) == one["real"][3]
+    assert sorted(found["files"]) == [
+        "report.html",
+        "report.json",
+        "response.png",
+        "responses.csv",
+        "responses.json",
+    ]
+    page = (out / "report.html").read_text()
+    assert "coherence" in page and "<svg" in page
+
+
+def test_python_gives_the_command(tmp_path: Path) -> None:
+    time, target, rate = chirp_flight(2)
+    path = write_csv(tmp_path, time=time[::8], wanted=target[::8], p=np.radians(rate[::8]))
+    out = tmp_path / "bode"
+    words = ["response", str(path), "--input", "wanted", "--output", "p", "--band", "0.2", "6"]
+    assert typed(*words, "--out", out, "--quiet", "--no-figures") == 0
+    written = json.loads((out / "responses.json").read_text())
+    found = fid.frequency_response(path, "wanted", "p", band=(0.2, 6.0))
+    assert found.to_dict()["responses"] == written["responses"]
+    assert "usable" in found.summary() and "FrequencyResponse" in repr(found)
+    frame = found.to_dataframe()
+    np.testing.assert_array_equal(frame["real"], found.response[0, 0].real)
+    control = found.to_control()
+    np.testing.assert_allclose(np.ravel(control.frdata), found.response[0, 0])
+    np.testing.assert_allclose(control.omega, 2.0 * math.pi * found.frequency)
+    assert control.input_labels == ["wanted"] and control.output_labels == ["p"]
+    assert found.plot.response().axes and "<table" in found._repr_html_()
+    assert found.usable.any() and found.coherence.shape == (1, found.frequency.size)
+    assert found.std.shape == found.response.shape and found.warnings == ()
+    assert found.report(tmp_path / "page.html").is_file()
+    assert found.save(tmp_path / "kept", figures=False).joinpath("responses.csv").is_file()
+    with pytest.raises(fid.InputError, match="there is no output 'q'"):
+        found.to_dataframe("q")
+
+
+def test_degrees_of_a_channel_become_radians_and_other_columns_stay(tmp_path: Path) -> None:
+    time, target, rate = chirp_flight(3)
+    columns = {
+        "time": time[::8],
+        "wanted": target[::8],
+        "p [deg/s]": rate[::8],
+        "gyro [deg/s]": rate[::8],
+    }
+    path = tmp_path / "flight.csv"
+    body = np.column_stack(list(columns.values()))
+    np.savetxt(path, body, delimiter=",", header=",".join(columns), comments="")
+    found = fid.frequency_response(path, "wanted", ["p", "gyro"], band=(0.2, 6.0))
+    np.testing.assert_allclose(np.rad2deg(1.0) * found.response[0], found.response[1], rtol=1e-12)
+    units = [each["unit"] for each in found.to_dict()["responses"]]
+    assert units == ["rad/s", "deg/s"]
+
+
+def feedback_flight(folder: Path) -> Path:
+    rng = np.random.default_rng(5)
+    step, count = 0.02, 12000
+    top, bottom, _ = signal.cont2discrete(([6.0, 7.2], [1.0, 3.2, 16.0]), step, "zoh")
+    top = np.ravel(top)
+    r = signal.lfilter(*signal.butter(2, 0.12), rng.standard_normal(count))
+    n = 0.9 * signal.lfilter(*signal.butter(1, 0.04), rng.standard_normal(count))
+    closed = np.polyadd(bottom, 0.5 * top)
+    y = signal.lfilter(top, closed, r) + signal.lfilter(bottom, closed, n)
+    return write_csv(folder, time=step * np.arange(count), sweep=r, surface=r - 0.5 * y, rate=y)
+
+
+def test_feedback_is_answered_by_a_reference(tmp_path: Path) -> None:
+    path = feedback_flight(tmp_path)
+    joint = fid.frequency_response(path, "surface", "rate", reference="sweep", band=(0.1, 2.0))
+    assert joint.to_dict()["method"] == "joint input-output"
+    assert any("the direct estimate is biased by feedback" in each for each in joint.warnings)
+    z = np.exp(2j * math.pi * joint.frequency * 0.02)
+    top, bottom, _ = signal.cont2discrete(([6.0, 7.2], [1.0, 3.2, 16.0]), 0.02, "zoh")
+    truth = np.polyval(np.ravel(top), z) / np.polyval(bottom, z)
+    inside = np.abs(joint.response[0, 0] - truth) <= joint.details.found.radius()[0, 0]
+    assert np.mean(inside) > 0.85
+    direct = fid.frequency_response(path, "surface", "rate", band=(0.1, 2.0))
+    outside = np.abs(direct.response[0, 0] - truth) > direct.details.found.radius()[0, 0]
+    assert np.mean(outside) > 0.3
+
+
+def test_two_inputs_that_move_together_say_so(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    a = signal.lfilter(*signal.butter(2, 0.1), rng.standard_normal(9000))
+    b = a + 0.5 * signal.lfilter(*signal.butter(2, 0.1), rng.standard_normal(9000))
+    y = a - 2.0 * b + 0.1 * rng.standard_normal(9000)
+    path = write_csv(tmp_path, time=0.02 * np.arange(9000), left=a, right=b, y=y)
+    found = fid.frequency_response(path, ["left", "right"], "y", band=(0.1, 2.0))
+    assert any("mean coherence" in each for each in found.warnings)
+    np.testing.assert_allclose(found.response[0, 0], 1.0, atol=0.3)
+    np.testing.assert_allclose(found.response[0, 1], -2.0, atol=0.3)
+    alone = fid.frequency_response(path, "right", "y", band=(0.1, 2.0))
+    assert abs(np.median(alone.response.real) + 1.2) < 0.15  # the other input's share goes to it
+
+
+def test_parts_of_a_record_are_pooled_and_gaps_part_it(tmp_path: Path) -> None:
+    time, target, rate = chirp_flight(7)
+    time = time[::8].copy()
+    time[time.size // 2 :] += 3.0
+    path = write_csv(tmp_path, time=time, a=target[::8], b=rate[::8])
+    found = fid.frequency_response(path, "a", "b", band=(0.5, 5.0))
+    assert len(found.to_dict()["parts"]) == 2 and "a gap" in found.summary()
+    parts = fid.frequency_response(path, "a", "b", band=(0.5, 5.0), start=[5, 40], stop=[25, 60])
+    assert len(parts.to_dict()["parts"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "--input: no signal is named"),
+        (["--input", "a"], "--output: no signal is named"),
+        (["--input", "a", "--output", "a"], "a is named twice"),
+        (["--input", "a", "--output", "c"], "'c'"),
+        (["--input", "x", "--output", "b"], "'x'"),
+        (["--input", "time", "--output", "b"], "time is no signal"),
+        (["--input", "a", "--output", "flat"], "it does not move"),
+        (["--input", "a", "--output", "b", "--band", "2", "1"], "2 to 1 Hz is no band"),
+        (["--input", "a", "--output", "b", "--band", "0.001", "1"], "is below"),
+        (["--input", "a", "--output", "b", "--band", "1", "40"], "above 0.45 of the rate"),
+        (["--input", "a", "--output", "b", "--window", "-3"], "no length"),
+        (["--input", "a", "--output", "b", "--window", "900"], "no window is as short"),
+        (["--input", "a", "--output", "b", "--tapers", "1"], "1 tapers"),
+        (["--input", "a", "--output", "b", "--window", "5", "--tapers", "5"], "two ways"),
+        (["--input", "a", "--output", "b", "--coherence", "1.5"], "no coherence"),
+        (["--input", "a", "--output", "b", "--reference", "b"], "b is named twice"),
+        (["--input", "a", "--output", "b", "--from", "1", "--to", "1.5"], "too few"),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
+    time, target, rate = chirp_flight()
+    path = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8], flat=np.ones(time[::8].size))
+    out = tmp_path / "bode"
+    assert typed("response", path, *words, "--out", out) == 2
+    shown = capsys.readouterr()
+    assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err
+    assert not out.exists()
+
+
+def test_from_a_log_to_a_transfer_function_in_three_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, out = write_log(tmp_path), tmp_path / "roll"
+    signals = ("--input", "SIDD.Targ", "--output", "SIDD.Gx")
+    assert typed("map", log) == 0
+    assert "SIDD.Gx" in capsys.readouterr().out
+    assert typed("response", log, *signals) == 0
+    assert typed("response", log, *signals, "--fit", "roll", "--out", out) == 0
+    printed = capsys.readouterr().out
+    assert "inv_T_roll" in printed and "within the envelopes" in printed
+    (one,) = json.loads((out / "responses.json").read_text())["fits"]["functions"]
+    # The lag that is simulated answers half a sample before the continuous one.
+    exact_values = {"gain": GAIN / LAG, "inv_T_roll": 1 / LAG, "delay": DELAY - 0.5 / RATE}
+    for name, value in exact_values.items():
+        each = one["parameters"][name]
+        assert abs(each["value"] - value) < 3.0 * each["std"] < 0.05 * value, name
+    assert one["unnoticeable"] is True and one["cost"] < 5.0
+    assert (out / "mismatch.png").is_file() and "Transfer functions" in (out / "report.html").read_text()
+
+
+def test_a_delay_that_may_be_none_is_said_and_is_no_rounding_in_print(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    time = 0.01 * np.arange(6000)
+    stick = np.sin(2.0 * np.pi * (0.05 * time + 0.02 * time**2))
+    _, rate, _ = signal.lsim(signal.TransferFunction([8.0, 6.0], [1.0, 3.2, 6.5]), stick, time)
+    path = write_csv(tmp_path, time=time, a=stick, b=rate + 0.01 * np.random.default_rng(2).standard_normal(time.size))
+    asked = ("response", path, "--input", "a", "--output", "b", "--fit", "pitch")
+    assert typed(*asked) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "the delay is" in printed and "which may be none; --fix delay=0 leaves it out" in printed
+    assert "e-1" not in printed and "e+1" not in printed
+    assert typed(*asked, "--fix", "delay=0") == 0
+    assert "may be none" not in capsys.readouterr().out
+
+
+def test_fits_in_python(tmp_path: Path) -> None:
+    time, target, rate = chirp_flight(8)
+    lead = signal.lfilter([1.0 - 0.8], [1.0, -0.8], rate)
+    path = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8], c=lead[::8])
+    found = fid.frequency_response(path, "a", ["b", "c"], band=(0.2, 6.0), fit={"b": "0/1"}, fix={"delay": 0.01875})
+    (one,) = found.to_dict()["fits"]["functions"]
+    assert one["output"] == "b" and one["fixed"] == {"delay": 0.01875} and "unnoticeable" not in one
+    assert one["parameters"]["a0"]["value"] == pytest.approx(1 / LAG, rel=0.02)
+    exact_lag = found.to_transfer_function("b", pade=0)
+    assert exact_lag.poles()[0].real == pytest.approx(-1 / LAG, rel=0.02)
+    late = np.squeeze(found.to_transfer_function("b", pade=4)(2j * math.pi))
+    assert abs(late / exact(np.array([1.0]))[0] - 1.0) < 0.02
+    assert found.plot.mismatch().axes
+    with pytest.raises(fid.InputError, match="no transfer function is fitted"):
+        found.to_transfer_function("c")
+    with pytest.raises(fid.InputError, match="no transfer function is fitted"):
+        found.plot.mismatch(1)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--fit", "pich"], "there is no form 'pich'"),
+        (["--fit", "2/1"], "orders 2 and 1"),
+        (["--fit", "c=roll"], "there is no output 'c'"),
+        (["--fit", "roll", "--fit", "pitch"], "two forms for b"),
+        (["--fix", "delay=0"], "--fix: no form is named"),
+        (["--shared-poles"], "--shared-poles: no form is named"),
+        (["--fit", "roll", "--fix", "delay"], "fixes nothing"),
+        (["--fit", "roll", "--fix", "zeta=1"], "no form has a parameter 'zeta'"),
+        (["--fit", "0/1", "--fix", "a0=1", "--fix", "b0=1", "--fix", "delay=0"], "nothing is free"),
+    ],
+)
+def test_bad_fits_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
+    time, target, rate = chirp_flight()
+    path = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8])
+    out = tmp_path / "bode"
+    assert typed("response", path, "--input", "a", "--output", "b", *words, "--out", out) == 2
+    shown = capsys.readouterr()
+    assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err
+    assert not out.exists()
+
+
+def test_flying_qualities_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, out = write_log(tmp_path), tmp_path / "roll"
+    signals = ("--input", "SIDD.Targ", "--output", "SIDD.Gx")
+    assert typed("response", log, *signals, "--bandwidth", "rate", "--out", out) == 0
+    printed = capsys.readouterr().out
+    assert "phase bandwidth" in printed and "no phase delay" in printed
+    (one,) = json.loads((out / "responses.json").read_text())["flying_qualities"]
+    omega = one["phase_bandwidth"]["value"]
+    attitude = np.degrees(np.angle(exact(np.array([omega / (2.0 * math.pi)])) / (1j * omega)))
+    assert attitude[0] == pytest.approx(-135.0, abs=1.0)
+    assert (out / "bandwidth.png").is_file() and "Flying qualities" in (out / "report.html").read_text()
+    found = fid.frequency_response(log, "SIDD.Targ", "SIDD.Gx", bandwidth="rate")
+    name, qualities = found.flying_qualities.popitem()
+    assert name == "SIDD.Gx/SIDD.Targ" and qualities["phase_bandwidth"][0] == omega
+    assert found.plot.bandwidth().axes
+    with pytest.raises(fid.InputError, match="no bandwidth to draw"):
+        fid.frequency_response(log, "SIDD.Targ", "SIDD.Gx").plot.bandwidth()
+    assert typed("response", log, *signals, "--bandwidth", "speed") == 2
+    assert "there is no kind 'speed'" in capsys.readouterr().err
+
+
+def test_records_of_a_call_are_of_one_kind(tmp_path: Path) -> None:
+    time, target, rate = chirp_flight()
+    first = write_csv(tmp_path, "one.csv", time=time[::8], a=target[::8], b=rate[::8])
+    slow = write_csv(tmp_path, "slow.csv", time=time[::16], a=target[::16], b=rate[::16])
+    with pytest.raises(fid.InputError, match=r"25 samples a second, and 50 in one.csv.*--rate"):
+        fid.frequency_response([first, slow], "a", "b", band=(0.2, 5.0))
+    both = fid.frequency_response([first, slow], "a", "b", band=(0.2, 5.0), rate=20.0)
+    assert len(both.to_dict()["parts"]) == 2
+    other = tmp_path / "other.csv"
+    other.write_text(first.read_text().replace("time,a,b", "time,a,b [deg/s]", 1))
+    with pytest.raises(fid.InputError, match=r"b is in deg/s, and in no unit in one.csv"):
+        fid.frequency_response([first, other], "a", "b", band=(0.2, 5.0))
+
+
+def test_proportional_inputs_are_refused(tmp_path: Path) -> None:
+    time, target, rate = chirp_flight()
+    path = write_csv(tmp_path, time=time[::8], a=target[::8], twice=2.0 * target[::8], b=rate[::8])
+    with pytest.raises(fid.InputError, match="follows from the other inputs"):
+        fid.frequency_response(path, ["a", "twice"], "b", band=(0.2, 5.0))

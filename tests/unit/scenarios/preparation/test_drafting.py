@@ -1,0 +1,92 @@
+"""Drafts of a channel map: what is the clock, which unit, and what is said of the rest of the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.files.channels import ColumnChoice
+from scenarios.files.measured.record_file import RecordFile, read_record_file
+from scenarios.files.records import read_with_notes
+from scenarios.preparation.drafting import Draft, drafted
+from sim.errors import RecordError
+
+TIME = 0.02 * np.arange(60)
+ALPHA = 0.05 * np.sin(TIME)
+
+
+def opened(folder: Path, header: str, rows: list[str]) -> RecordFile:
+    path = folder / "record.csv"
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return read_record_file(path)
+
+
+def choice(draft: Draft, channel: str) -> ColumnChoice:
+    (found,) = (guess for guess in draft.guesses if guess.channel == channel)
+    return found.choice
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_the_number_of_a_row_is_no_clock(tmp_path: Path, first: int) -> None:
+    rows = [f"{n + first},{alpha:.6f}" for n, alpha in enumerate(ALPHA)]
+    draft = drafted(opened(tmp_path, "Sample,alpha", rows))
+    assert draft.clockless and "--rate HZ" in draft.faults[0]
+
+
+def test_the_clock_beside_the_number_of_a_row_is_found(tmp_path: Path) -> None:
+    rows = [f"{n},{time:.2f},{alpha:.6f}" for n, (time, alpha) in enumerate(zip(TIME, ALPHA, strict=True))]
+    assert choice(drafted(opened(tmp_path, "Sample,elapsed so far,alpha", rows)), "time").column == 2
+
+
+@pytest.mark.parametrize("header", ["Zeit", "when"])
+def test_a_column_of_dates_is_the_clock(tmp_path: Path, header: str) -> None:
+    rows = [f"03/01/2025 11:59:{time:09.6f} PM,{alpha:.6f}" for time, alpha in zip(TIME, ALPHA, strict=True)]
+    draft = drafted(opened(tmp_path, f"{header},alpha", rows))
+    assert not draft.clockless and not draft.faults
+
+
+def test_a_fill_value_does_not_turn_the_unit(tmp_path: Path) -> None:
+    """Radians with -999 for no measurement do not move by 999."""
+    rows = [f"{time:.2f},{-999 if 20 <= n < 25 else alpha:.6f}" for n, (time, alpha) in enumerate(zip(TIME, ALPHA, strict=True))]
+    draft = drafted(opened(tmp_path, "time,alpha", rows))
+    (alpha,) = (guess for guess in draft.guesses if guess.channel == "alpha")
+    assert alpha.choice.unit is None and "-999 is taken as a fill value" in alpha.reason
+
+
+def test_the_unit_of_a_clock_stands_before_the_message_in_brackets(tmp_path: Path) -> None:
+    rows = [f"{12000 + 1e3 * time:.0f},{alpha:.6f}" for time, alpha in zip(TIME, ALPHA, strict=True)]
+    assert choice(drafted(opened(tmp_path, "time_boot_ms(ATTITUDE),alpha", rows)), "time").unit == "ms"
+
+
+def test_vectors_beside_several_structs_are_columns_without_a_topic(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    structs = {name: {"time": TIME[::2], "height": TIME[::2]} for name in ("gps", "baro")}
+    savemat(tmp_path / "record.mat", {"time": TIME, "alpha": ALPHA, **structs})
+    draft = drafted(read_record_file(tmp_path / "record.mat"))
+    assert choice(draft, "alpha").column == "alpha" and not draft.faults
+
+
+def test_sheets_of_other_runs_are_said_not_to_be_read(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("python_calamine")
+    pytest.importorskip("openpyxl")
+    with pandas.ExcelWriter(tmp_path / "record.xlsx") as book:
+        for run in ("Run1", "Run2", "Run3"):
+            pandas.DataFrame({"time": TIME, "alpha": ALPHA}).to_excel(book, sheet_name=run, index=False)
+    file = read_record_file(tmp_path / "record.xlsx")
+    draft = drafted(file)
+    notes = read_with_notes(file, (), ["alpha"], {"alpha": choice(draft, "alpha")})[1]
+    assert "Run2, Run3 have the same columns as Run1 and are not read" in notes
+
+
+def test_an_archive_of_two_files_is_refused_with_their_names(tmp_path: Path) -> None:
+    import zipfile
+
+    with zipfile.ZipFile(tmp_path / "record.zip", "w") as archive:
+        for name in ("one.csv", "two.csv"):
+            archive.writestr(name, "time,alpha\n0,0\n")
+    with pytest.raises(RecordError, match=r"the archive holds 2 files \(one.csv, two.csv\)"):
+        read_record_file(tmp_path / "record.zip")
