@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.declaration.effect import Effect
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from sim.declaration.effect import Effect, full_name
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import SearchContext, Traceable
 
@@ -89,3 +90,44 @@ def half_normal_factor(mean: float, sigma: float) -> float:
 def declared_sigma(value: float) -> float:
     """One sigma of a declared derivative; infinite where the file has zero, which tells no size."""
     return DECLARED * abs(value) if value else np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class SetPrior:
+    """Prior of the unknowns of a fitted set, as offsets from the fit.
+
+    ``mean``, ``precision`` ``(n,)``; zero precision where it is flat. ``constant`` : sum of ln(1/sigma).
+    ``one_sided`` : position, side (1 or -1) and bound as an offset.
+    """
+
+    mean: np.ndarray
+    precision: np.ndarray
+    constant: float
+    one_sided: tuple[tuple[int, float, float], ...]
+
+
+def set_prior(fitted: FittedModel, context: SearchContext) -> SetPrior:
+    """Prior of all unknowns of a fitted set: declared derivatives and effects; biases and initial states are flat."""
+    fit = fitted.fit
+    mean, precision, constant = np.zeros(len(fit.theta)), np.zeros(len(fit.theta)), 0.0
+    effects = {full_name(e, i.name): (e, i) for e in fitted.effects for i in e.parameters if i.free}
+    one_sided: list[tuple[int, float, float]] = []
+    for at, name in enumerate(fit.layout.names):
+        plain, value = name.partition(", record")[0], float(fit.theta[at])
+        if plain in effects:
+            effect, item = effects[plain]
+            known = prior_of(effect, item, value, context)
+            if known is None:
+                continue
+            centre, sigma = known.mean, known.sigma
+            if known.one_sided:
+                one_sided.append((at, 1.0 if item.bounds[0] == known.mean else -1.0, known.mean - value))
+        elif plain.startswith("bias_") or plain.endswith("(0)"):
+            continue
+        else:
+            item = fitted.declared.parameters[plain]
+            centre, sigma = item.value, declared_sigma(item.value)
+        if np.isfinite(sigma):
+            mean[at], precision[at] = centre - value, sigma**-2.0
+            constant -= math.log(sigma)
+    return SetPrior(mean, precision, constant, tuple(one_sided))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ident.evidence.linear_world import Laws, LinearWorld
 from ident.evidence.noise_law import whiten
-from ident.evidence.priors import prior_of
+from ident.evidence.priors import SetPrior, prior_of
 from ident.tracing.candidate_model.fitted_model import belongs_to_record
 from ident.tracing.screening.score_test import _motions, _signatures
 from sim.declaration.effect import NoiseEffect
@@ -46,10 +46,10 @@ class Lead:
 class Prepared:
     """A linearised set, whitened: ``A (D, n)`` scaled by the posterior's root, ``e (D,)``, ``rows`` of each record."""
 
-    laws: Laws
     root: np.ndarray
     e: np.ndarray
     rows: tuple[slice, ...]
+    whiten: Callable[[int, np.ndarray], np.ndarray]
 
 
 def prepared(world: LinearWorld, laws: Laws) -> Prepared:
@@ -70,7 +70,36 @@ def prepared(world: LinearWorld, laws: Laws) -> Prepared:
     lower = np.linalg.cholesky(inside)
     A = np.concatenate(blocks_A) * scale
     root = np.linalg.solve(lower, A.T).T  # A P^-1 A' = root root'
-    return Prepared(laws, root, np.concatenate(blocks_e), tuple(rows))
+    return Prepared(root, np.concatenate(blocks_e), tuple(rows), lambda r, columns: _white(world, laws, r, columns))
+
+
+def prepared_white(fitted: FittedModel, prior: SetPrior) -> Prepared:
+    """The same of a fit under white noise, or of one with process noise, whose innovations are white."""
+    fit, layout = fitted.fit, fitted.fit.layout
+    n = len(fit.theta)
+    blocks_e, blocks_A, rows, at = [], [], [], 0
+    for r, problem in enumerate(layout.problems):
+        weight = np.where(problem.valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
+        blocks_e.append((fit.residuals[r] * weight).ravel())
+        A = np.zeros((problem.valid.size, n))
+        A[:, layout.columns(r)] = (fit.jacobians[r] * weight[:, :, None]).reshape(problem.valid.size, -1)
+        blocks_A.append(A)
+        rows.append(slice(at, at + problem.valid.size))
+        at += problem.valid.size
+    e, A = np.concatenate(blocks_e), np.concatenate(blocks_A)
+    precision = A.T @ A + np.diag(prior.precision)
+    right = A.T @ e + prior.precision * prior.mean
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
+    lower = np.linalg.cholesky(precision * np.outer(scale, scale) + 1e-10 * np.eye(n))
+    root = np.linalg.solve(lower, (A * scale).T).T
+    offset = scale * np.linalg.solve(lower.T, np.linalg.solve(lower, scale * right))
+
+    def whiten(r: int, columns: np.ndarray) -> np.ndarray:
+        valid = layout.problems[r].valid[:, :, None]
+        made = fit.whiten(r, np.where(valid, columns, 0.0))
+        return np.asarray(np.where(valid, made, 0.0).reshape(-1, columns.shape[2]))
+
+    return Prepared(root, e - A @ offset, tuple(rows), whiten)
 
 
 def closed_form(gram: np.ndarray, with_e: np.ndarray, mean: np.ndarray, sigma: np.ndarray) -> tuple[float, np.ndarray]:
@@ -91,10 +120,26 @@ def closed_form(gram: np.ndarray, with_e: np.ndarray, mean: np.ndarray, sigma: n
     return gain - 0.5 * logdet - float(np.sum(np.log(sigma))), scale * np.linalg.solve(root.T, half)
 
 
-def scan(world: LinearWorld, several: Sequence[Prepared], candidates: Sequence[Traceable], context: SearchContext, keep: int = 2) -> list[list[Lead]]:
+def closed_forms(
+    grams: np.ndarray, with_e: np.ndarray, mean: np.ndarray, sigma: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same for many places at once: ``grams (p, k, k)``, ``with_e (p, k)``; gains ``(p,)`` and factors ``(p, k)``."""
+    S = grams + np.diag(sigma**-2.0)
+    h = with_e + mean / sigma**2
+    scale = 1.0 / np.sqrt(np.einsum("pkk->pk", S))
+    inside = S * scale[:, :, None] * scale[:, None, :] + 1e-10 * np.eye(S.shape[1])
+    values, vectors = np.linalg.eigh(inside)
+    values = np.maximum(values, 1e-12)
+    turned = np.einsum("pji,pj->pi", vectors, scale * h)
+    gain = 0.5 * np.sum(turned**2 / values, axis=1) - 0.5 * float(np.sum((mean / sigma) ** 2))
+    gain -= 0.5 * np.sum(np.log(values), axis=1) - np.sum(np.log(scale), axis=1) + float(np.sum(np.log(sigma)))
+    return gain, scale * np.einsum("pij,pj->pi", vectors, turned / values)
+
+
+def scan(fitted: FittedModel, several: Sequence[Prepared], candidates: Sequence[Traceable], context: SearchContext, keep: int = 2) -> list[list[Lead]]:
     """Leads of all candidates, a list for each of ``several`` noise laws: of each the best ``keep`` places."""
-    motions = _motions(world.fitted)
-    present = {effect.name for effect in world.fitted.effects}
+    motions = _motions(fitted)
+    present = {effect.name for effect in fitted.effects}
     found: list[list[Lead]] = [[] for _ in several]
     for candidate in candidates:
         if candidate.name in present or isinstance(candidate, NoiseEffect):
@@ -104,14 +149,14 @@ def scan(world: LinearWorld, several: Sequence[Prepared], candidates: Sequence[T
         if not probes:
             continue
         try:
-            parts = _signatures(world.fitted, motions, effect, probes)
+            parts = _signatures(fitted, motions, effect, probes)
         except (ModelError, FloatingPointError):
             continue
         usable = [(p, x) for p, x in zip(probes, parts, strict=True) if all(np.all(np.isfinite(y)) and np.max(np.abs(y), initial=0.0) < 1e6 for y in x)]
         if not usable:
             continue
         for leads, ready in zip(found, several, strict=True):
-            leads += _leads(world, ready, effect, usable, context, keep)
+            leads += _leads(ready, effect, usable, context, keep)
     return found
 
 
@@ -134,14 +179,14 @@ def _white(world: LinearWorld, laws: Laws, r: int, columns: np.ndarray) -> np.nd
     return np.concatenate(parts)
 
 
-def _leads(world: LinearWorld, ready: Prepared, effect: Traceable, usable: Sequence[tuple[Probe, list[np.ndarray]]], context: SearchContext, keep: int) -> list[Lead]:
-    records = len(world.times)
+def _leads(ready: Prepared, effect: Traceable, usable: Sequence[tuple[Probe, list[np.ndarray]]], context: SearchContext, keep: int) -> list[Lead]:
+    records = len(ready.rows)
     if belongs_to_record(effect):
-        options = [_placed(world, ready, effect, usable, context, r) for r in range(records)]
+        options = [_placed(ready, effect, usable, context, r) for r in range(records)]
         return _joined(ready, effect, options, len(ready.e))
     out = []
     for probe, part in usable:
-        W = np.concatenate([_white(world, ready.laws, r, part[r]) for r in range(records)])
+        W = np.concatenate([ready.whiten(r, part[r]) for r in range(records)])
         mean, sigma = amplitude_prior(effect, probe, context)
         B = ready.root.T @ W
         gain, factors = closed_form(W.T @ W - B.T @ B, W.T @ ready.e, mean, sigma)
@@ -164,7 +209,7 @@ def possible(effect: Traceable, probe: Probe, factors: np.ndarray) -> bool:
     return not (value <= low and factors[0] < 0.0) and not (value >= high and factors[0] > 0.0)
 
 
-def _placed(world: LinearWorld, ready: Prepared, effect: Traceable, usable: Sequence[tuple[Probe, list[np.ndarray]]], context: SearchContext, r: int) -> list[tuple]:
+def _placed(ready: Prepared, effect: Traceable, usable: Sequence[tuple[Probe, list[np.ndarray]]], context: SearchContext, r: int) -> list[tuple]:
     """Places of an effect in one record: gain, probe, shift, whitened columns, mean, sigma."""
     out = []
     rows = ready.rows[r]
@@ -177,13 +222,13 @@ def _placed(world: LinearWorld, ready: Prepared, effect: Traceable, usable: Sequ
         moved = np.zeros((own.shape[0], count, len(shifts) * k))
         for number, shift in enumerate(shifts):
             moved[:, shift:, number * k : (number + 1) * k] = own[:, : count - shift]
-        W = _white(world, ready.laws, r, moved)
-        B, u = root.T @ W, W.T @ e
+        W = np.ascontiguousarray(ready.whiten(r, moved).T).reshape(len(shifts), k, -1)
+        inside = (W.reshape(len(shifts) * k, -1) @ root).reshape(len(shifts), k, -1)
+        grams = W @ W.swapaxes(1, 2) - inside @ inside.swapaxes(1, 2)
+        gains, factors = closed_forms(grams, W @ e, mean, sigma)
         for number, shift in enumerate(shifts):
-            at = slice(number * k, (number + 1) * k)
-            gain, factors = closed_form(W[:, at].T @ W[:, at] - B[:, at].T @ B[:, at], u[at], mean, sigma)
-            if possible(effect, probe, factors):
-                out.append((gain, probe, shift, W[:, at], mean, sigma))
+            if possible(effect, probe, factors[number]):
+                out.append((float(gains[number]), probe, shift, W[number].T, mean, sigma))
     return out
 
 

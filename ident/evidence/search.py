@@ -185,7 +185,7 @@ class Search:
         laws = [parent.laws, tuple(law.smaller(QUIETER) for law in parent.laws)]
         several = [prepared(parent.world, each) for each in laws]
         chosen: list[LinearSet] = []
-        for ready, leads in zip(several, scan(parent.world, several, self.candidates, self.context), strict=True):
+        for ready, leads in zip(several, scan(parent.world.fitted, several, self.candidates, self.context), strict=True):
             possible = [lead for lead in leads if all(self._together(lead.effect, other) for other in parent.effects)]
             deeper = max(1, DEPTH - len([each for each in parent.effects if not each.traits.background]))
             sets, overlap = weighed(ready, possible, self._odds, lambda a, b: self._together(a.effect, b.effect), deeper)

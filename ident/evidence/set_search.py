@@ -10,8 +10,8 @@ import numpy as np
 from ident.evidence.scan import Lead, Prepared, closed_form
 
 DEPTH = 4  # effects in a set, at most
-BEAM = 24  # sets of each size that are extended
-_WORTH_A_TRY = 60  # leads that take part
+BEAM = 10  # sets of each size that are extended
+_WORTH_A_TRY = 30  # leads that take part
 
 
 @dataclass(frozen=True, eq=False)
