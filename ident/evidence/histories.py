@@ -16,7 +16,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.screening.score_test import _motions, _signatures
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 
-MOST_NODES = 50  # of one history in one record
+MOST_NODES = 40  # of one history in one record
 SHORTEST = 0.4  # s, of a pulse
 CORRELATION = 1.0  # s, of the sizes of the pulses
 
@@ -29,12 +29,13 @@ class Histories:
     ----------
     parts : ``(m, N, k)`` a record, changes of the outputs by pulses of unit size.
     units : ``(k, k)`` a record and load, precision of a history of standard deviation one.
-    sigma : standard deviation of each load's history.
+    sigma : standard deviation of each load's history. usual : what it is before any record is seen.
     """
 
     parts: tuple[np.ndarray, ...]
     units: tuple[tuple[np.ndarray, ...], ...]
     sigma: tuple[float, ...]
+    usual: tuple[float, ...] = ()
 
     @property
     def precision(self) -> tuple[np.ndarray, ...]:
@@ -86,7 +87,7 @@ def force_histories(fitted: FittedModel, candidates: Sequence[Traceable], contex
     records = range(len(by_load[0]))
     parts = tuple(np.concatenate([load[r] for load in by_load], axis=2) for r in records)
     units = tuple(tuple(first_order_precision(load[r].shape[2], stride * context.interval, CORRELATION) for load in by_load) for r in records)
-    return Histories(parts, units, tuple(sigma))
+    return Histories(parts, units, tuple(sigma), tuple(sigma))
 
 
 def _moved(part: np.ndarray, stride: int) -> np.ndarray:

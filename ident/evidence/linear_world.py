@@ -137,6 +137,30 @@ class LinearWorld:
             self._grams[key] = found
         return self._grams[key]
 
+    def grams_once(self, i: int, law: NoiseLaw) -> list[tuple[np.ndarray, float, int]]:
+        """The same, not kept."""
+        kept, self._grams = self._grams, {}
+        try:
+            return self.grams(i, law)
+        finally:
+            self._grams = kept
+
+    @property
+    def typical(self) -> np.ndarray:
+        """Usual sizes of the histories."""
+        assert self.beside is not None
+        return np.array(self.beside.usual)
+
+    def history_blocks(self) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        """Of each load and record: the load's number, the places of its unknowns, and their precision."""
+        assert self.beside is not None
+        out, at = [], len(self.fitted.fit.theta)
+        for units in self.beside.units:
+            for number, (block, sigma) in enumerate(zip(units, self.beside.sigma, strict=True)):
+                out.append((number, np.arange(at, at + len(block)), block / sigma**2))
+                at += len(block)
+        return out
+
     def total(self, grams: Sequence[Sequence[tuple[np.ndarray, float, int]]]) -> tuple[np.ndarray, np.ndarray, float]:
         """Normal matrix ``(n, n)``, right-hand side ``(n,)`` and constant part of some outputs."""
         G, b, rest = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
