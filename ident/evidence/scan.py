@@ -8,8 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.evidence.linear_world import Laws, LinearWorld
-from ident.evidence.noise_law import whiten
 from ident.evidence.priors import SetPrior, prior_of
 from ident.tracing.candidate_model.fitted_model import belongs_to_record
 from ident.tracing.screening.score_test import _motions, _signatures
@@ -52,28 +50,7 @@ class Prepared:
     whiten: Callable[[int, np.ndarray], np.ndarray]
 
 
-def prepared(world: LinearWorld, laws: Laws) -> Prepared:
-    """Residuals at the posterior mode, and the columns that the set's own unknowns take up."""
-    solution = world.solution(laws)
-    blocks_e, blocks_A, rows, at = [], [], [], 0
-    for time, valid, e, A, place in zip(world.times, world.valid, world.e, world.A, world.places, strict=True):
-        parts = [whiten(law, time, valid[i], np.column_stack([e[i], A[i]]))[0] for i, law in enumerate(laws)]
-        block = np.concatenate(parts)
-        full = np.zeros((len(block), world.size))
-        full[:, place] = block[:, 1:]
-        blocks_e.append(block[:, 0] - block[:, 1:] @ solution.offset[place])
-        blocks_A.append(full)
-        rows.append(slice(at, at + len(block)))
-        at += len(block)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(solution.precision), 1e-300))
-    inside = solution.precision * np.outer(scale, scale) + 1e-12 * np.eye(world.size)
-    lower = np.linalg.cholesky(inside)
-    A = np.concatenate(blocks_A) * scale
-    root = np.linalg.solve(lower, A.T).T  # A P^-1 A' = root root'
-    return Prepared(root, np.concatenate(blocks_e), tuple(rows), lambda r, columns: _white(world, laws, r, columns))
-
-
-def prepared_white(fitted: FittedModel, prior: SetPrior) -> Prepared:
+def prepared(fitted: FittedModel, prior: SetPrior) -> Prepared:
     """The same of a fit under white noise, or of one with process noise, whose innovations are white."""
     fit, layout = fitted.fit, fitted.fit.layout
     n = len(fit.theta)
@@ -171,12 +148,6 @@ def amplitude_prior(effect: Traceable, probe: Probe, context: SearchContext) -> 
         means.append(known.mean - probe.values[local] if known else 0.0)
         sigmas.append(known.sigma if known else 1e3 * max(abs(items[local].value), 1e-6))
     return np.array(means), np.array(sigmas)
-
-
-def _white(world: LinearWorld, laws: Laws, r: int, columns: np.ndarray) -> np.ndarray:
-    valid = world.valid[r]
-    parts = [whiten(law, world.times[r], valid[i], np.where(valid[i][:, None], columns[i], 0.0))[0] for i, law in enumerate(laws)]
-    return np.concatenate(parts)
 
 
 def _leads(ready: Prepared, effect: Traceable, usable: Sequence[tuple[Probe, list[np.ndarray]]], context: SearchContext, keep: int) -> list[Lead]:

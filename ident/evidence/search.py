@@ -1,37 +1,99 @@
-"""Rounds of the search: propose sets in the linear world, judge them at their posterior mode."""
+"""Search of sets of effects: proposed in the linear world, fitted, weighed by their evidence."""
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.evidence.histories import force_histories
-from ident.evidence.linear_world import LinearWorld
-from ident.evidence.noise_law import NoiseLaw
-from ident.evidence.posterior_mode import Assessed, Key, assess, begun, first_laws
-from ident.evidence.priors import log_odds
+from ident.evidence.priors import SetPrior, half_normal_factor, log_odds, set_prior
 from ident.evidence.scan import Lead, prepared, scan
-from ident.evidence.set_search import DEPTH, LinearSet, weighed
-from ident.tracing.candidate_model.fitted_model import belongs_to_record, free_names, never_together
+from ident.evidence.set_search import LinearSet, weighed
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing.candidate_model.fitted_model import FittedModel, Start, Values, fit_set, belongs_to_record, levels_of, never_together
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.screening.context import search_context
+from ident.tracing.selection.criterion import is_white
 from sim.declaration.effect import NoiseEffect, full_name
-from sim.declaration.proposal import SearchContext
+from sim.declaration.proposal import Edged, SearchContext, Traceable
 
-LEADERS = 5  # sets of a round that are fitted
-ROUNDS = 4
-QUIETER = 1.0 / 3.0  # share of the discrepancy under which candidates are scanned a second time
-WORTH = -3.0  # log weight against the parent below which a set is not fitted
-ALIKE = 0.95  # cosine above which two effects are not told apart
+Key = frozenset[str]
+DEPTH = 3
+EDGES = (16, 4, 1)  # times the width of an event's edges, while its time is looked for
+LEADERS = 4  # sets of a round that are fitted
+LEAST_NOISE = 0.3  # of the noise that high frequencies show: logged signals are filtered
+PROCESS_NOISE_OFFERED = 1e-2
+WORTH = 0.0  # log weight against the parent above which a set is fitted
 
 
-def _is_steady(effect) -> bool:
-    """Whether an effect acts alike in all records, or may be in any record."""
-    return effect.traits.background or not (belongs_to_record(effect) or effect.traits.onset)
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A fitted set: ``evidence`` ln p(data | set), ``weight`` with the prior odds; ``offset``, ``covariance`` of the posterior about the fit."""
+
+    fitted: FittedModel
+    evidence: float
+    weight: float
+    offset: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def names(self) -> Key:
+        return frozenset(self.fitted.names)
+
+
+def evidence_of(fitted: FittedModel, context: SearchContext) -> tuple[float, np.ndarray, np.ndarray]:
+    """Laplace's approximation about a fit: log evidence, offset of the posterior's mode from the fit, its covariance."""
+    fit = fitted.fit
+    prior = set_prior(fitted, context)
+    normal, gradient = fit.normal_equations()
+    normal, gradient = normal.copy(), gradient.copy()
+    likelihood = fit.log_likelihood
+    if fit.layout.prior is not None:  # what the fit itself knew is counted once, by the priors here
+        known = fit.layout.prior
+        away = fit.theta[known.positions] - known.mean
+        likelihood += 0.5 * float(away @ known.information @ away)
+        normal[np.ix_(known.positions, known.positions)] -= known.information
+        gradient[known.positions] += known.information @ away
+    precision = normal + np.diag(prior.precision)
+    right = gradient + prior.precision * prior.mean
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
+    inside = precision * np.outer(scale, scale)
+    inside = 0.5 * (inside + inside.T)
+    values, vectors = np.linalg.eigh(inside)
+    values = np.maximum(values, 1e-10)
+    inverse = (vectors / values) @ vectors.T
+    offset = scale * (inverse @ (scale * right))
+    covariance = inverse * np.outer(scale, scale)
+    logdet = float(np.sum(np.log(values))) - 2.0 * float(np.sum(np.log(scale)))
+    quadratic = float(gradient @ offset - 0.5 * offset @ normal @ offset)
+    away = offset - prior.mean
+    total = likelihood + quadratic - 0.5 * float(away @ (prior.precision * away)) + prior.constant - 0.5 * logdet
+    flat = len(fit.theta) - int(np.count_nonzero(prior.precision))
+    total += 0.5 * flat * math.log(2.0 * math.pi)
+    if not has_process_noise(fitted.system):
+        # The noise levels are unknowns too, concentrated out: curvature 2 N in ln(sigma).
+        total += sum(0.5 * math.log(2.0 * math.pi / (2.0 * n)) for n in fit.counts.tolist() if n)
+    else:
+        levels = fit.theta[len(fit.layout.names) :]
+        total -= float(np.sum(np.log(np.maximum(levels, 1e-300))))  # flat in ln(level)
+    for place, side, bound in prior.one_sided:
+        total += half_normal_factor(side * (float(offset[place]) - bound), math.sqrt(max(covariance[place, place], 1e-300)))
+    return float(total), offset, covariance
+
+
+def measured_noise(fitted: FittedModel) -> dict[str, float]:
+    """Standard deviation of each output's noise from third differences of its residual, which motion hardly reaches."""
+    found: dict[str, float] = {}
+    for i, name in enumerate(fitted.system.output_names):
+        each = []
+        for problem, residual in zip(fitted.fit.layout.problems, fitted.fit.residuals, strict=True):
+            if np.count_nonzero(problem.valid[i]) > 4:
+                each.append(np.median(np.abs(np.diff(residual[i][problem.valid[i]], 3))) / 0.6745 / math.sqrt(20.0))
+        if each:
+            found[name] = float(np.mean(each))
+    return found
 
 
 def _silent(text: str) -> None:
@@ -40,188 +102,190 @@ def _silent(text: str) -> None:
 
 @dataclass(eq=False)
 class Search:
-    """All sets that were assessed, by the names of their effects."""
+    """All sets that were fitted, by the names of their effects.
+
+    ``base`` : what stands in every set and is never claimed (the model discrepancy); none for a search under white noise.
+    ``candidates`` : effects and guards that may be added.
+    """
 
     problem: TraceProblem
+    candidates: Sequence[Traceable]
+    base: tuple[Traceable, ...] = ()
     tell: Callable[[str], None] = _silent
-    steady: bool = False  # only effects that act alike in all records
-    visited: dict[Key, Assessed] = field(default_factory=dict)
-    scanned: set[Key] = field(default_factory=set)
-    refined: set[Key] = field(default_factory=set)
-    alike: dict[frozenset[str], float] = field(default_factory=dict)
+    visited: dict[Key, Weighed] = field(default_factory=dict)
+    expanded: set[Key] = field(default_factory=set)
+    alike: dict[Key, float] = field(default_factory=dict)
     fits: int = 0
+    scans: int = 0
 
     def __post_init__(self) -> None:
         root = self.problem.fit((), None)
         assert root is not None
-        self.context: SearchContext = search_context(root, self.problem.predicted)
-        self.candidates = tuple(each for each in self.problem.candidates if not self.steady or _is_steady(each))
-        self.root = self.kept(*self._with_histories(root), sweeps=1)
+        self.context = search_context(root, self.problem.predicted)
+        self.floor = {} if not self.base else {name: LEAST_NOISE * std for name, std in measured_noise(root).items()}
+        if self.base:
+            root = self.problem.fit(self.base, root, rough=True)
+            assert root is not None
+        self.root = self.kept(root)
 
-    def _with_histories(self, root):
-        """The declared model in its linear world, with force histories and noise as the evidence has them."""
-        plain = LinearWorld(root, self.context)
-        histories = force_histories(root, self.problem.candidates, self.context)
-        laws = tuple(law.smaller(QUIETER) for law in first_laws(root))
-        if histories is None:
-            return plain, first_laws(root)
-        found = []
-        # The sensors' discrepancy and the forces are rivals: begun from either side, the likelier is kept.
-        for quiet, share in ((0.1, 0.3), (1.0, 0.03)):
-            world = LinearWorld(root, self.context, histories.with_sigma([share * each for each in histories.sigma]))
-            laws = tuple(NoiseLaw((0.3 if quiet < 1.0 else 1.0) * law.white, quiet * law.discrepancy, law.time) for law in first_laws(root))
-            for _ in range(3):
-                world = self._scaled(world, laws)
-                laws = world.best_laws(laws, 1, 16)
-            found.append((world.solution(laws).evidence + world.log_prior(laws), world, laws))
-        _, world, laws = max(found, key=lambda each: each[0])
-        self.tell(f"  evidence {[round(each[0], 1) for each in found]} histories {[float('%.2g' % s) for s in world.beside.sigma]} shares {[round(law.share, 2) for law in laws]}")
-        return world, laws
-
-    def _scaled(self, world, laws, factors=(0.1, 0.3, 3.0, 10.0)):
-        """The standard deviations of the histories of largest evidence, one after the other."""
-        best = world.solution(laws).evidence
-        for k in range(len(world.beside.sigma)):
-            for factor in factors:
-                sigma = list(world.beside.sigma)
-                sigma[k] *= factor
-                trial = world.like(world.beside.with_sigma(sigma))
-                value = trial.solution(laws).evidence
-                if value > best + 0.1:
-                    best, better = value, trial
-                    found = True
-                else:
-                    found = False
-                if found:
-                    chosen = better
-            try:
-                world = chosen
-            except UnboundLocalError:
-                pass
-        return world
-
-    # ------------------------------------------------------------------ assessing
-    def kept(self, world: LinearWorld, laws, extra=(), *, sweeps: int = 0, prior: float = 0.0) -> Assessed | None:
-        """Assess a set and keep it, the better of two optima where it was met before."""
-        try:
-            found = assess(world, laws, self.candidates, extra, sweeps=sweeps, prior=prior)
-        except np.linalg.LinAlgError:
-            return None
+    def kept(self, fitted: FittedModel) -> Weighed:
+        """Weigh a fit and keep it, the better of two optima where the set was met before."""
         self.fits += 1
+        evidence, offset, covariance = evidence_of(fitted, self.context)
+        found = Weighed(fitted, evidence, evidence + log_odds([each for each in fitted.effects if each not in self.base], self.candidates), offset, covariance)
         old = self.visited.get(found.names)
         if old is None or found.weight > old.weight:
             self.visited[found.names] = found
         return self.visited[found.names]
 
-    def child(self, parent: Assessed, proposed: LinearSet) -> Assessed | None:
-        """The parent's set with the leads of a proposed one, at its posterior mode."""
+    def fit(self, effects: Sequence[Traceable], values: Values, added: Sequence[Mapping[str, float]], parent: FittedModel) -> FittedModel | None:
+        """A set fitted roughly from given values."""
+        shared = {name: value for one in added for name, value in one.items()}
+        own = tuple({**mine, **one} for mine, one in zip(values.own, added, strict=True))
+        start = Start(Values({**shared, **values.shared}, own, values.states), {}, self._levels(parent))
+        return fit_set(self.problem.data, tuple(effects), self.problem.roughly, start)
+
+    def _levels(self, parent: FittedModel) -> Mapping[str, float] | None:
+        """Noise levels to begin with: none below what the records' high frequencies show."""
+        levels = levels_of(parent)
+        return levels if levels is None else {name: max(std, self.floor.get(name, 0.0)) for name, std in levels.items()}
+
+    def child(self, parent: Weighed, proposed: LinearSet) -> Weighed | None:
+        """The parent's set with the leads of a proposed one, fitted; from nearer absence where the step leads astray."""
         values = parent.fitted.values
-        added: list[dict[str, float]] = [{} for _ in values.own]
-        for lead, factors in zip(proposed.leads, proposed.factors, strict=True):
-            for record, one in zip(added, _starts(lead, factors, len(added), self.context.interval), strict=True):
-                record |= one
         effects = (*parent.fitted.effects, *(lead.effect for lead in proposed.leads))
-        fitted = begun(self.problem, effects, values, added)
-        if fitted is None:
-            return None
-        world = LinearWorld(fitted, self.context, parent.world.beside)
-        return self.kept(world, parent.laws, parent.extra)
-
-    def without(self, parent: Assessed, name: str) -> Assessed | None:
-        """The set without one of its effects."""
-        names = parent.names - {name}
-        if names in self.visited:
-            return self.visited[names]
-        if False:
-            pass
-        effects = tuple(effect for effect in parent.fitted.effects if effect.name != name)
-        fitted = begun(self.problem, effects, parent.fitted.values, [{} for _ in parent.fitted.values.own])
-        if fitted is None:
-            return None
-        return self.kept(LinearWorld(fitted, self.context, parent.world.beside), parent.laws, parent.extra)
-
-    # ------------------------------------------------------------------ rounds
-    def run(self) -> Search:
-        """Rounds until the leader has been scanned and nothing outdoes it; then its members are left out."""
-        for number in range(ROUNDS):
-            leader = self.best()
-            if leader.names in self.scanned:
+        best = None
+        for share in (1.0, 0.3, 0.1):
+            added: list[dict[str, float]] = [{} for _ in values.own]
+            for lead, factors in zip(proposed.leads, proposed.factors, strict=True):
+                for record, one in zip(added, _starts(lead, share * factors, len(added), self.context.interval), strict=True):
+                    record |= one
+            fitted = self.fit(effects, values, added, parent.fitted)
+            if fitted is not None and (best is None or fitted.fit.cost < best.fit.cost):
+                best = fitted
+            if best is not None and parent.fitted.fit.cost - best.fit.cost > 0.3 * proposed.gain:
                 break
-            self.tell(f"round {number + 1}: {sorted(leader.names)} {leader.weight - self.root.weight:+.1f}")
-            self.extend(leader)
+        return None if best is None else self.kept(best)
+
+    def placed_better(self, one: Weighed) -> Weighed:
+        """Events of a set looked for a little earlier and later, with wide edges first: their times have local optima."""
+        for effect in [each for each in one.fitted.effects if each.traits.onset]:
+            for r in range(len(one.fitted.values.own) if belongs_to_record(effect) else 1):
+                one = self._event_moved(one, effect, r)
+        return one
+
+    def _event_moved(self, one: Weighed, effect: Traceable, r: int) -> Weighed:
+        name = full_name(effect, effect.traits.onset)
+        wide = effect.blunted(EDGES[0]) if isinstance(effect, Edged) else effect
+        best: FittedModel | None = None
+        for shift in (-0.6, -0.3, 0.0, 0.3, 0.6) if wide is not effect else (-0.6, -0.3, 0.3, 0.6):
+            moved = self._again(one.fitted, wide, name, r, shift)
+            if moved is not None and (best is None or moved.fit.cost < best.fit.cost):
+                best = moved
+        for width in EDGES[1:] if wide is not effect else ():
+            form = effect.blunted(width) if width > 1 else effect
+            best = self._again(best, form, name, r, 0.0) if best is not None else None
+        return one if best is None or best.fit.cost >= one.fitted.fit.cost else self.kept(best)
+
+    def _again(self, fitted: FittedModel, form: Traceable, name: str, r: int, shift: float) -> FittedModel | None:
+        """A set with one effect in a form of it, its onset in record ``r`` moved, fitted again."""
+        effects = tuple(form if each.name == form.name else each for each in fitted.effects)
+        values = fitted.values
+        if name in values.shared:
+            values = replace(values, shared={**values.shared, name: values.shared[name] + shift})
+        else:
+            own = tuple({**mine, name: mine[name] + shift} if i == r else mine for i, mine in enumerate(values.own))
+            values = replace(values, own=own)
+        return self.fit(effects, values, [{} for _ in values.own], fitted)
+
+    def without(self, parent: Weighed, name: str) -> Weighed | None:
+        """The set without one of its effects."""
+        effects = tuple(effect for effect in parent.fitted.effects if effect.name != name)
+        fitted = self.fit(effects, parent.fitted.values, [{} for _ in parent.fitted.values.own], parent.fitted)
+        return None if fitted is None else self.kept(fitted)
+
+    def run(self) -> Search:
+        """Rounds until the best set has been scanned and nothing outdoes it; then its members are left out and replaced."""
+        for _ in range(6):
+            best = self.best()
+            if best.names in self.expanded:
+                break
+            self.tell(f"expand {sorted(best.names)} {best.weight - self.root.weight:+.1f}")
+            self.expand(best)
         for _ in range(2):
             top = self.best()
-            for name in sorted(top.names):
+            for name in sorted(top.names - {each.name for each in self.base}) if len(top.names) > 1 + len(self.base) else ():
                 less = self.without(top, name)
-                less = less if less is None or less.names in self.refined else self.refine(less)
-                if less is not None and len(top.names) > 1 and less.names not in self.scanned:
-                    self.extend(less, most=3)
+                if less is not None and less.names not in self.expanded:
+                    self.expand(less, most=2)
             if self.best() is top:
                 break
-            if self.best().names not in self.scanned:
-                self.extend(self.best())
+            if self.best().names not in self.expanded:
+                self.expand(self.best())
         return self
 
-    def best(self) -> Assessed:
-        """The set of largest weight, its noise estimated anew; again where another has become the best."""
-        for _ in range(8):
-            top = max(self.visited.values(), key=lambda one: one.weight)
-            if top.names in self.refined:
-                return top
-            self.refine(top)
+    def best(self) -> Weighed:
         return max(self.visited.values(), key=lambda one: one.weight)
 
-    def refine(self, one: Assessed) -> Assessed:
-        """The same set with its noise laws and the sizes of its histories estimated anew."""
-        self.refined.add(one.names)
-        world = self._scaled(one.world, one.laws, (0.3, 3.0)) if one.world.beside is not None else one.world
-        return self.kept(world, one.laws, one.extra, sweeps=1)
-
-    def extend(self, parent: Assessed, most: int = LEADERS) -> None:
-        """Scan at a set under two noise laws, weigh sets of leads there, fit the leaders."""
-        self.scanned.add(parent.names)
-        if len([each for each in parent.effects if not each.traits.background]) >= DEPTH:
-            return
-        laws = [parent.laws, tuple(law.smaller(QUIETER) for law in parent.laws)]
-        several = [prepared(parent.world, each) for each in laws]
-        chosen: list[LinearSet] = []
-        for ready, leads in zip(several, scan(parent.world.fitted, several, self.candidates, self.context), strict=True):
-            possible = [lead for lead in leads if all(self._together(lead.effect, other) for other in parent.effects)]
-            deeper = max(1, DEPTH - len([each for each in parent.effects if not each.traits.background]))
+    def expand(self, parent: Weighed, most: int = LEADERS) -> None:
+        """Scan at a set, weigh sets of leads, fit the leaders."""
+        self.expanded.add(parent.names)
+        self.scans += 1
+        present = [each for each in parent.fitted.effects if not each.traits.background and each not in self.base]
+        deeper = DEPTH - len(present)
+        if deeper > 0:
+            ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
+            (leads,) = scan(parent.fitted, [ready], self.candidates, self.context)
+            possible = [lead for lead in leads if all(self._together(lead.effect, other) for other in parent.fitted.effects)]
             sets, overlap = weighed(ready, possible, self._odds, lambda a, b: self._together(a.effect, b.effect), deeper)
             for i, a in enumerate(overlap.names):
                 for j, b in enumerate(overlap.names[:i]):
                     if a != b:
                         key = frozenset((a, b))
                         self.alike[key] = max(self.alike.get(key, 0.0), float(overlap.cosines[i, j]))
-            chosen += self._leaders(sets, chosen, most)
-        for proposed in chosen:
-            if parent.names | proposed.names in self.visited:
-                continue
-            made = self.child(parent, proposed)
-            if made is not None:
-                text = f"  {sorted(made.names)} linear {proposed.weight:.1f} weight {made.weight - self.root.weight:+.1f}"
-                self.tell(text)
+            made_here: list[Weighed] = []
+            for proposed in self._leaders(sets, most):
+                if parent.names | proposed.names in self.visited:
+                    continue
+                made = self.child(parent, proposed)
+                if made is not None:
+                    made_here.append(made)
+                    self.tell(f"  {sorted(made.names)} linear {proposed.weight:.1f} weight {made.weight - self.root.weight:+.1f}")
+            # Which of them leads hangs on where their events are.
+            for made in sorted(made_here, key=lambda one: -one.weight)[:2]:
+                better = self.placed_better(made)
+                if better is not made:
+                    self.tell(f"  {sorted(made.names)} placed better {better.weight - made.weight:+.1f}")
+        if self.base or not (has_process_noise(parent.fitted.system) or is_white(parent.fitted, PROCESS_NOISE_OFFERED)):
+            self.with_process_noise(parent)
 
-    def _leaders(self, sets: Sequence[LinearSet], before: Sequence[LinearSet], most: int) -> list[LinearSet]:
-        """The weightiest sets, one of each choice of names, with each single effect of the best set among them."""
-        chosen, seen = [], {each.names for each in before}
-        top = max((each.weight for each in sets), default=0.0)
-        for each in sets:
-            if each.weight < WORTH or (chosen and each.weight < top - 0.5 * abs(top) - 20.0):
-                break
-            if each.names not in seen:
-                seen.add(each.names)
-                chosen.append(each)
-            if len(chosen) == most:
-                break
-        singles = [each for each in sets if len(each.leads) == 1 and each.weight > WORTH and each.names not in seen]
-        return chosen + singles[:2]
+    def with_process_noise(self, parent: Weighed) -> None:
+        for effect in self.candidates:
+            if isinstance(effect, NoiseEffect) and parent.names | {effect.name} not in self.visited:
+                fitted = self.fit((*parent.fitted.effects, effect), parent.fitted.values, [{} for _ in parent.fitted.values.own], parent.fitted)
+                if fitted is not None:
+                    made = self.kept(fitted)
+                    self.tell(f"  {sorted(made.names)} weight {made.weight - self.root.weight:+.1f}")
+
+    def _leaders(self, sets: Sequence[LinearSet], most: int) -> list[LinearSet]:
+        """The weightiest single effects, and larger sets where they promise more than any smaller one."""
+        chosen: list[LinearSet] = []
+        bar = WORTH
+        for size in range(1, DEPTH + 1):
+            seen: set[Key] = set()
+            for each in sets:
+                if len(each.leads) == size and each.weight > (WORTH if size == 1 else bar) and each.names not in seen:
+                    seen.add(each.names)
+                    chosen.append(each)
+                    if len(seen) == (most if size == 1 else most // 2):
+                        break
+            bar = max([bar, *(each.weight for each in chosen)])
+        return chosen
 
     def _odds(self, lead: Lead) -> float:
         return log_odds([lead.effect], self.candidates)
 
-    def _together(self, one, other) -> bool:
+    def _together(self, one: Traceable, other: Traceable) -> bool:
         return one.name != other.name and not never_together(one, other) and not never_together(other, one)
 
 
