@@ -87,6 +87,14 @@ def half_normal_factor(mean: float, sigma: float) -> float:
     return math.log(2.0) + float(norm.logcdf(mean / max(sigma, 1e-300)))
 
 
+def log_mass(mean: float, sigma: float, low: float, high: float) -> float:
+    """Logarithm of the share of a Gaussian between two values, at least that of the nearer end's tail."""
+    from scipy.stats import norm
+
+    below, above = norm.logcdf((high - mean) / sigma), norm.logcdf((mean - low) / sigma)
+    return float(min(below, above))
+
+
 def declared_sigma(value: float) -> float:
     """One sigma of a declared derivative; infinite where the file has zero, which tells no size."""
     return DECLARED * abs(value) if value else np.inf
@@ -97,13 +105,14 @@ class SetPrior:
     """Prior of the unknowns of a fitted set, as offsets from the fit.
 
     ``mean``, ``precision`` ``(n,)``; zero precision where it is flat. ``constant`` : sum of ln(1/sigma).
-    ``one_sided`` : position, side (1 or -1) and bound as an offset.
+    ``one_sided`` : position, side (1 or -1) and bound as an offset. ``ranges`` : position, and the ends of what is believed.
     """
 
     mean: np.ndarray
     precision: np.ndarray
     constant: float
     one_sided: tuple[tuple[int, float, float], ...]
+    ranges: tuple[tuple[int, float, float], ...] = ()
 
 
 def set_prior(fitted: FittedModel, context: SearchContext) -> SetPrior:
@@ -112,10 +121,14 @@ def set_prior(fitted: FittedModel, context: SearchContext) -> SetPrior:
     mean, precision, constant = np.zeros(len(fit.theta)), np.zeros(len(fit.theta)), 0.0
     effects = {full_name(e, i.name): (e, i) for e in fitted.effects for i in e.parameters if i.free}
     one_sided: list[tuple[int, float, float]] = []
+    ranges: list[tuple[int, float, float]] = []
     for at, name in enumerate(fit.layout.names):
         plain, value = name.partition(", record")[0], float(fit.theta[at])
         if plain in effects:
             effect, item = effects[plain]
+            believed = effect.traits.plausible.get(item.name)
+            if believed is not None:
+                ranges.append((at, believed[0] - value, believed[1] - value))
             known = prior_of(effect, item, value, context)
             if known is None:
                 continue
@@ -130,4 +143,4 @@ def set_prior(fitted: FittedModel, context: SearchContext) -> SetPrior:
         if np.isfinite(sigma):
             mean[at], precision[at] = centre - value, sigma**-2.0
             constant -= math.log(sigma)
-    return SetPrior(mean, precision, constant, tuple(one_sided))
+    return SetPrior(mean, precision, constant, tuple(one_sided), tuple(ranges))

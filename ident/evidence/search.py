@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.evidence.priors import SetPrior, half_normal_factor, log_odds, set_prior
+from ident.evidence.priors import half_normal_factor, log_mass, log_odds, set_prior
 from ident.evidence.scan import Lead, prepared, scan
 from ident.evidence.set_search import LinearSet, weighed
 from ident.process_noise.innovations_model import has_process_noise
@@ -78,6 +78,8 @@ def evidence_of(fitted: FittedModel, context: SearchContext) -> tuple[float, np.
     else:
         levels = fit.theta[len(fit.layout.names) :]
         total -= float(np.sum(np.log(np.maximum(levels, 1e-300))))  # flat in ln(level)
+    for place, low, high in prior.ranges:
+        total += log_mass(float(offset[place]), math.sqrt(max(covariance[place, place], 1e-300)), low, high)
     for place, side, bound in prior.one_sided:
         total += half_normal_factor(side * (float(offset[place]) - bound), math.sqrt(max(covariance[place, place], 1e-300)))
     return float(total), offset, covariance

@@ -15,6 +15,7 @@ import numpy as np
 
 from ident.evidence.search import Search, Weighed
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
+from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Traceable
 
 BLOCK = 1.0  # s, of a block of Vuong's test
@@ -50,16 +51,21 @@ def vuong(more: Weighed, less: Weighed, interval: float) -> float:
     return float((more.evidence - less.evidence) / (np.sqrt(len(d)) * np.std(d) + 1e-12))
 
 
+def _random(more: Weighed, less: Weighed) -> bool:
+    """Whether what one set has more than another is process noise."""
+    return any(isinstance(each, NoiseEffect) for each in more.fitted.effects if each.name not in less.names)
+
+
 def spread_search(search: Search) -> Weighed:
     """The set that is reached by additions of which each is spread over the records, and none can be left out."""
     leader = search.root
     for _ in range(DEEPEST):
-        before = set(search.visited)
         if leader.names not in search.expanded:
             search.expand(leader)
         children = [one for key, one in search.visited.items() if leader.names < key and len(key) == len(leader.names) + 1]
-        del before
         good = [one for one in children if one.weight > leader.weight and vuong(one, leader, search.context.interval) > SPREAD]
+        # Rough air takes in what has a cause: it is added where no cause can be.
+        good = [one for one in good if not _random(one, leader)] or good
         if not good:
             break
         leader = max(good, key=lambda one: one.weight)
