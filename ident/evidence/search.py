@@ -23,6 +23,7 @@ Key = frozenset[str]
 DEPTH = 3
 EDGES = (16, 4, 1)  # times the width of an event's edges, while its time is looked for
 LEADERS = 4  # sets of a round that are fitted
+BUDGET = 40  # fits of a search
 LEAST_NOISE = 0.3  # of the noise that high frequencies show: logged signals are filtered
 PROCESS_NOISE_OFFERED = 1e-2
 WORTH = 0.0  # log weight against the parent above which a set is fitted
@@ -191,6 +192,7 @@ class Search:
 
     def _again(self, fitted: FittedModel, form: Traceable, name: str, r: int, shift: float) -> FittedModel | None:
         """A set with one effect in a form of it, its onset in record ``r`` moved, fitted again."""
+        self.fits += 1
         effects = tuple(form if each.name == form.name else each for each in fitted.effects)
         values = fitted.values
         if name in values.shared:
@@ -210,15 +212,15 @@ class Search:
         """Rounds until the best set has been scanned and nothing outdoes it; then its members are left out and replaced."""
         for _ in range(6):
             best = self.best()
-            if best.names in self.expanded:
+            if best.names in self.expanded or self.fits > BUDGET:
                 break
             self.tell(f"expand {sorted(best.names)} {best.weight - self.root.weight:+.1f}")
             self.expand(best)
-        for _ in range(2):
+        for _ in range(2 if self.fits < BUDGET else 0):
             top = self.best()
             for name in sorted(top.names - {each.name for each in self.base}) if len(top.names) > 1 + len(self.base) else ():
                 less = self.without(top, name)
-                if less is not None and less.names not in self.expanded:
+                if less is not None and less.names not in self.expanded and self.fits < BUDGET:
                     self.expand(less, most=2)
             if self.best() is top:
                 break
@@ -254,7 +256,7 @@ class Search:
                     made_here.append(made)
                     self.tell(f"  {sorted(made.names)} linear {proposed.weight:.1f} weight {made.weight - self.root.weight:+.1f}")
             # Which of them leads hangs on where their events are.
-            for made in sorted(made_here, key=lambda one: -one.weight)[:2]:
+            for made in sorted(made_here, key=lambda one: -one.weight)[:1]:
                 better = self.placed_better(made)
                 if better is not made:
                     self.tell(f"  {sorted(made.names)} placed better {better.weight - made.weight:+.1f}")

@@ -1,0 +1,181 @@
+"""One verdict from the posterior probabilities of sets of effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.evidence.search import Key, Search, Weighed
+from ident.evidence.steady_search import is_steady, spread_search, vuong
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.diagnosis import Verdict
+from ident.tracing.validation.whiteness import whiteness
+from sim.declaration.proposal import Traceable
+
+CERTAIN = 0.95  # probability of what is claimed
+NOISE = 1e-4  # p-value of a residual test below which a residual is no noise
+SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
+ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
+RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect of the decision: its probability, and that of each effect that could take its place.
+
+    ``spread`` : z of Vuong's test, beside a discrepancy; None under white noise.
+    """
+
+    name: str
+    probability: float
+    alternatives: Mapping[str, float]
+    spread: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What the records say: the verdict, the set that it rests on, the effects named and those that are only hints.
+
+    ``inclusion`` : probability of each effect over all sets that were fitted under the noise that was decided on.
+    """
+
+    verdict: Verdict
+    best: FittedModel
+    named: tuple[Named, ...]
+    hints: tuple[Named, ...]
+    inclusion: Mapping[str, float]
+    fits: int
+
+
+def probabilities(search: Search) -> dict[Key, float]:
+    """Posterior probability of each set that was fitted."""
+    keys = list(search.visited)
+    weights = np.array([search.visited[key].weight for key in keys])
+    share = np.exp(weights - weights.max())
+    return dict(zip(keys, (share / share.sum()).tolist(), strict=True))
+
+
+def inclusion_of(sets: Mapping[Key, float]) -> dict[str, float]:
+    """Probability of each effect: the sum over the sets that contain it."""
+    found: dict[str, float] = {}
+    for key, share in sets.items():
+        for name in key:
+            found[name] = found.get(name, 0.0) + share
+    return found
+
+
+def is_noise(fitted: FittedModel) -> bool:
+    """Whether no residual test of the fitted records says otherwise."""
+    return all(test.p_value > NOISE for test in whiteness(fitted.fit, "fitted"))
+
+
+def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Decision:
+    """Search under white noise, and beside a discrepancy where no set of effects leaves noise."""
+    search = Search(problem, problem.candidates).run()
+    best = search.best()
+    if is_noise(best.fitted):
+        return _by_sets(search, best)
+    if discrepancy is None:
+        return _undecided(search, best)
+    steady = Search(problem, [each for each in problem.candidates if is_steady(each)], (discrepancy,))
+    return _beside_discrepancy(search, steady, spread_search(steady))
+
+
+def _by_sets(search: Search, best: Weighed) -> Decision:
+    """Under white noise: every member of the best set, or its group, has to be certain."""
+    sets = probabilities(search)
+    inclusion = inclusion_of(sets)
+    guards = search.problem.guards
+    named, certain, grouped = [], True, True
+    for effect in best.fitted.effects:
+        alike = _alike(search, best, effect, sets)
+        total = inclusion[effect.name] + sum(alike.values())
+        named.append(Named(effect.name, inclusion[effect.name], alike))
+        certain &= inclusion[effect.name] >= CERTAIN
+        grouped &= total >= CERTAIN
+    if not best.names:
+        verdict = Verdict.CONSISTENT
+    elif guards & best.names or not grouped:
+        verdict = Verdict.UNEXPLAINED
+    else:
+        verdict = Verdict.TRACED if certain else Verdict.AMBIGUOUS
+    hints = tuple(named) if verdict is Verdict.UNEXPLAINED else ()
+    return Decision(verdict, best.fitted, () if hints else tuple(named), hints, inclusion, search.fits)
+
+
+def _alike(search: Search, best: Weighed, effect: Traceable, sets: Mapping[Key, float]) -> dict[str, float]:
+    """Effects in the place of a member of the best set that the records do not tell from it, with the probabilities of these sets."""
+    rest = best.names - {effect.name}
+    found: dict[str, float] = {}
+    for key, share in sets.items():
+        new = key - rest
+        if effect.name in key or len(new) != 1 or not rest <= key:
+            continue
+        (name,) = new
+        told = search.alike.get(frozenset((name, effect.name)), 0.0) > ALIKE
+        if told or name in (*effect.traits.equivalents, *effect.traits.twins, *effect.aliases):
+            found[name] = found.get(name, 0.0) + share
+    return {name: share for name, share in found.items() if share > 0.05 * (1.0 - CERTAIN)}
+
+
+def _undecided(search: Search, best: Weighed) -> Decision:
+    inclusion = inclusion_of(probabilities(search))
+    hints = tuple(Named(name, inclusion[name], {}) for name in sorted(best.names))
+    return Decision(Verdict.UNEXPLAINED, best.fitted, (), hints, inclusion, search.fits)
+
+
+def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decision:
+    """Beside a discrepancy: what is spread over the records, with its rivals that are not told from it."""
+    interval, guards = search.context.interval, search.problem.guards
+    inclusion = inclusion_of(probabilities(search))
+    fits = white.fits + search.fits
+    members = sorted(best.names - search.root.names)
+    named = []
+    for name in members:
+        less = search.without(best, name)
+        z = vuong(best, less, interval) if less is not None else float("inf")
+        rivals = _rivals(search, best, name)
+        share = 1.0 / (1.0 + sum(rivals.values()))
+        named.append(Named(name, share, {other: each * share for other, each in rivals.items()}, z))
+    if not named:
+        slight = _error_over_noise(white.root.fitted) < SLIGHT
+        verdict = Verdict.CONSISTENT if slight else Verdict.UNEXPLAINED
+        return Decision(verdict, white.root.fitted if slight else search.root.fitted, (), (), inclusion, fits)
+    if guards & set(members):
+        return Decision(Verdict.UNEXPLAINED, best.fitted, (), tuple(named), inclusion, fits)
+    verdict = Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
+    return Decision(verdict, best.fitted, tuple(named), (), inclusion, fits)
+
+
+def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
+    """Effects in the place of one that Vuong's test does not tell from it, with their odds by the test's normal law."""
+    from scipy.stats import norm
+
+    rest = best.names - {name}
+    found: dict[str, float] = {}
+    for key, other in search.visited.items():
+        new = key - rest
+        if name in key or len(new) != 1 or not rest <= key or key == rest:
+            continue
+        z = vuong(best, other, search.context.interval)
+        if z < RIVAL and other.weight < best.weight:
+            p = float(norm.cdf(z))
+            found[next(iter(new))] = (1.0 - p) / p
+    return found
+
+
+def _error_over_noise(fitted: FittedModel) -> float:
+    """Largest ratio, over the outputs, of the residual's size to its noise as high frequencies show it."""
+    from ident.evidence.search import measured_noise
+
+    sizes = np.sqrt(fitted.fit.variance)
+    noise = measured_noise(fitted)
+    return max(float(size) / max(noise[name], 1e-300) for name, size in zip(fitted.system.output_names, sizes, strict=True) if name in noise)
+
+
+def sequence_of(named: Sequence[Named]) -> str:
+    """Names with their probabilities, for a line of text."""
+    return ", ".join(f"{each.name} {each.probability:.2f}" for each in named)
