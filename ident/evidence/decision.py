@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.evidence.search import Key, Search, Weighed
+from ident.evidence.evidence import Key, Weighed
+from ident.evidence.search import Search, measured_noise
 from ident.evidence.steady_search import is_steady, spread_search, vuong
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
@@ -80,7 +81,8 @@ def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Deci
         return _by_sets(search, best)
     if discrepancy is None:
         return _undecided(search, best)
-    steady = Search(problem, [each for each in problem.candidates if is_steady(each)], (discrepancy,))
+    base = (discrepancy, *best.fitted.background)
+    steady = Search(problem, [each for each in problem.candidates if is_steady(each)], base)
     return _beside_discrepancy(search, steady, spread_search(steady))
 
 
@@ -103,10 +105,14 @@ def _by_sets(search: Search, best: Weighed) -> Decision:
     else:
         verdict = Verdict.TRACED if certain else Verdict.AMBIGUOUS
     hints = tuple(named) if verdict is Verdict.UNEXPLAINED else ()
-    return Decision(verdict, best.fitted, () if hints else tuple(named), hints, inclusion, search.fits)
+    return Decision(
+        verdict, best.fitted, () if hints else tuple(named), hints, inclusion, search.fits
+    )
 
 
-def _alike(search: Search, best: Weighed, effect: Traceable, sets: Mapping[Key, float]) -> dict[str, float]:
+def _alike(
+    search: Search, best: Weighed, effect: Traceable, sets: Mapping[Key, float]
+) -> dict[str, float]:
     """Effects in the place of a member of the best set that the records do not tell from it, with the probabilities of these sets."""
     rest = best.names - {effect.name}
     found: dict[str, float] = {}
@@ -143,10 +149,14 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
     if not named:
         slight = _error_over_noise(white.root.fitted) < SLIGHT
         verdict = Verdict.CONSISTENT if slight else Verdict.UNEXPLAINED
-        return Decision(verdict, white.root.fitted if slight else search.root.fitted, (), (), inclusion, fits)
+        return Decision(
+            verdict, white.root.fitted if slight else search.root.fitted, (), (), inclusion, fits
+        )
     if guards & set(members):
         return Decision(Verdict.UNEXPLAINED, best.fitted, (), tuple(named), inclusion, fits)
-    verdict = Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
+    verdict = (
+        Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
+    )
     return Decision(verdict, best.fitted, tuple(named), (), inclusion, fits)
 
 
@@ -169,11 +179,14 @@ def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
 
 def _error_over_noise(fitted: FittedModel) -> float:
     """Largest ratio, over the outputs, of the residual's size to its noise as high frequencies show it."""
-    from ident.evidence.search import measured_noise
 
     sizes = np.sqrt(fitted.fit.variance)
     noise = measured_noise(fitted)
-    return max(float(size) / max(noise[name], 1e-300) for name, size in zip(fitted.system.output_names, sizes, strict=True) if name in noise)
+    return max(
+        float(size) / max(noise[name], 1e-300)
+        for name, size in zip(fitted.system.output_names, sizes, strict=True)
+        if name in noise
+    )
 
 
 def sequence_of(named: Sequence[Named]) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from sim.declaration.effect import Effect, full_name
+from sim.declaration.effect import full_name
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import SearchContext, Traceable
 
@@ -18,7 +18,6 @@ ODDS = 0.03  # of one family of effects against its absence: one cause in thirty
 BACKGROUND_ODDS = 0.5  # of motion that any record may have
 _UNLIMITED = 1e5  # the value of a limit that is absent is larger than this
 _LIMIT_TIMES = 3.0  # factor: one sigma of a limit about where it was found
-_ARM_CHORDS, _ARM_LEAST = 3.0, 5.0  # chords, m: one sigma of the distance of a sensor from the c.g.
 _SHAPES_WIDER = 3.0  # a curve's shapes against their declared sizes
 
 
@@ -31,13 +30,11 @@ class Normal:
     one_sided: bool = False
 
 
-def prior_of(
-    effect: Traceable, item: Parameter, value: float, context: SearchContext
-) -> Normal | None:
-    """Prior of an effect's parameter that a search has found at ``value``; None where it is flat.
+def prior_of(effect: Traceable, item: Parameter, value: float, context: SearchContext) -> Normal:
+    """Prior of an effect's parameter that a search has found at ``value``.
 
-    An amplitude lies about the effect's absence, by its declared size. A limit is known to a factor.
-    A time of an event may be anywhere in the record.
+    An amplitude lies about the effect's absence, by its declared size. A limit is known to a
+    factor. A time of an event may be anywhere in the record.
     """
     if item.name == effect.traits.onset:
         return Normal(value, context.duration / 3.5)
@@ -50,10 +47,8 @@ def prior_of(
         return Normal(value, max(abs(value), 1e-6) * math.log(_LIMIT_TIMES))
     if math.isfinite(item.prior_std):
         return Normal(absent, item.prior_std)
-    size = abs(item.value - absent)
-    if item.name == "arm" and "vane" in effect.name:
-        size = max(_ARM_LEAST, _ARM_CHORDS * context.values.get("chord", 1.0))
-    elif item.name.startswith("shape"):
+    size = effect.traits.usual.get(item.name, abs(item.value - absent))
+    if item.name.startswith("shape"):
         size *= _SHAPES_WIDER
     return Normal(absent, max(size, 1e-9), absent in item.bounds)
 
@@ -63,14 +58,14 @@ def family(name: str) -> str:
     return name.partition(":")[0]
 
 
-def log_odds(effects: Iterable[Effect], candidates: Sequence[Traceable]) -> float:
+def log_odds(effects: Iterable[Traceable], candidates: Sequence[Traceable]) -> float:
     """Logarithm of the prior odds of a set of effects against the empty set."""
     members: dict[str, set[str]] = {}
     for candidate in candidates:
         members.setdefault(family(candidate.name), set()).add(candidate.name)
     total = 0.0
     for effect in effects:
-        if getattr(effect, "traits").background:
+        if effect.traits.background:
             total += math.log(BACKGROUND_ODDS)
         else:
             total += math.log(ODDS / len(members.get(family(effect.name), {effect.name})))
@@ -88,7 +83,10 @@ def half_normal_factor(mean: float, sigma: float) -> float:
 
 
 def log_mass(mean: float, sigma: float, low: float, high: float) -> float:
-    """Logarithm of the share of a Gaussian between two values, at least that of the nearer end's tail."""
+    """Logarithm of the share of a Gaussian posterior between two values.
+
+    That of the nearer end's tail stands for it: the other end is far away.
+    """
     from scipy.stats import norm
 
     below, above = norm.logcdf((high - mean) / sigma), norm.logcdf((mean - low) / sigma)
@@ -104,8 +102,10 @@ def declared_sigma(value: float) -> float:
 class SetPrior:
     """Prior of the unknowns of a fitted set, as offsets from the fit.
 
-    ``mean``, ``precision`` ``(n,)``; zero precision where it is flat. ``constant`` : sum of ln(1/sigma).
-    ``one_sided`` : position, side (1 or -1) and bound as an offset. ``ranges`` : position, and the ends of what is believed.
+    Attributes
+    ----------
+    mean, precision : ``(n,)``; zero precision where it is flat. constant : sum of ln(1/sigma).
+    one_sided : position, side (1 or -1) and bound. ranges : position and ends of what is believed.
     """
 
     mean: np.ndarray
@@ -116,7 +116,7 @@ class SetPrior:
 
 
 def set_prior(fitted: FittedModel, context: SearchContext) -> SetPrior:
-    """Prior of all unknowns of a fitted set: declared derivatives and effects; biases and initial states are flat."""
+    """Prior of all unknowns of a fitted set; that of biases and initial states is flat."""
     fit = fitted.fit
     mean, precision, constant = np.zeros(len(fit.theta)), np.zeros(len(fit.theta)), 0.0
     effects = {full_name(e, i.name): (e, i) for e in fitted.effects for i in e.parameters if i.free}
@@ -130,11 +130,11 @@ def set_prior(fitted: FittedModel, context: SearchContext) -> SetPrior:
             if believed is not None:
                 ranges.append((at, believed[0] - value, believed[1] - value))
             known = prior_of(effect, item, value, context)
-            if known is None:
-                continue
             centre, sigma = known.mean, known.sigma
             if known.one_sided:
-                one_sided.append((at, 1.0 if item.bounds[0] == known.mean else -1.0, known.mean - value))
+                one_sided.append(
+                    (at, 1.0 if item.bounds[0] == known.mean else -1.0, known.mean - value)
+                )
         elif plain.startswith("bias_") or plain.endswith("(0)"):
             continue
         else:

@@ -1,4 +1,8 @@
-"""Every candidate at a linearised set of effects: what it would add to the outputs, and its gain."""
+"""Every candidate at a fitted set of effects: what it would add to the outputs, and its gain.
+
+All of it is linear-Gaussian: the signatures of the candidates (changes of the outputs) are
+whitened, projected off the unknowns of the set, and have a Gaussian prior on their factors.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.evidence.priors import SetPrior, prior_of
-from ident.tracing.candidate_model.fitted_model import belongs_to_record
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.screening.score_test import _motions, _signatures
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
@@ -17,16 +21,22 @@ from sim.errors import ModelError
 
 PLACES = 60  # of an event over a record
 AMPLITUDE = 0.4  # one sigma of a placed size about the place, as a share
+KEPT = 2  # places of a candidate
+FAINT = 1e-10  # of a scaled Gram matrix: rounding
+LARGEST = 1e6  # of a signature: beyond it a simulation ran away
 
 
 @dataclass(frozen=True, eq=False)
 class Lead:
     """One placed alternative of a candidate.
 
-    ``columns`` : whitened, ``(D, k)``, all records and outputs below each other. ``probes`` : where it
-    is placed, a record each (None: absent there); ``shifts`` in samples. ``mean``, ``sigma (k,)`` : prior of
-    the columns' factors. ``price`` : log prior of its place. ``gain`` : of log evidence, alone.
-    ``own`` : ``(k,)``, the record that a column belongs to, or -1 where all share its factor.
+    Attributes
+    ----------
+    columns : ``(D, k)`` whitened, all records and outputs below each other.
+    probes : where it is placed, one a record; None where it is absent. shifts : in samples.
+    mean, sigma : ``(k,)`` prior of the columns' factors. own : ``(k,)`` the record that a column
+        belongs to, -1 where all share its factor.
+    price : log prior probability of its place. gain : of log evidence, alone.
     """
 
     effect: Traceable
@@ -42,7 +52,14 @@ class Lead:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A linearised set, whitened: ``A (D, n)`` scaled by the posterior's root, ``e (D,)``, ``rows`` of each record."""
+    """A fitted set, whitened.
+
+    Attributes
+    ----------
+    root : ``(D, n)`` with root root' = A P^-1 A', A the sensitivities, P the posterior's precision.
+    e : ``(D,)`` residual at the posterior's mode. rows : those of each record.
+    whiten : of a record's number and columns ``(m, N, c)`` makes whitened ones ``(m N, c)``.
+    """
 
     root: np.ndarray
     e: np.ndarray
@@ -50,24 +67,37 @@ class Prepared:
     whiten: Callable[[int, np.ndarray], np.ndarray]
 
 
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A signature at one place of one record: whitened ``columns (D, k)``, prior of the factors."""
+
+    gain: float
+    probe: Probe
+    shift: int
+    columns: np.ndarray
+    mean: np.ndarray
+    sigma: np.ndarray
+
+
 def prepared(fitted: FittedModel, prior: SetPrior) -> Prepared:
-    """The same of a fit under white noise, or of one with process noise, whose innovations are white."""
+    """Whiten a set that is fitted under white noise, or with process noise."""
     fit, layout = fitted.fit, fitted.fit.layout
     n = len(fit.theta)
-    blocks_e, blocks_A, rows, at = [], [], [], 0
+    residuals, sensitivities, rows, at = [], [], [], 0
     for r, problem in enumerate(layout.problems):
+        size = problem.valid.size
         weight = np.where(problem.valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
-        blocks_e.append((fit.residuals[r] * weight).ravel())
-        A = np.zeros((problem.valid.size, n))
-        A[:, layout.columns(r)] = (fit.jacobians[r] * weight[:, :, None]).reshape(problem.valid.size, -1)
-        blocks_A.append(A)
-        rows.append(slice(at, at + problem.valid.size))
-        at += problem.valid.size
-    e, A = np.concatenate(blocks_e), np.concatenate(blocks_A)
+        residuals.append((fit.residuals[r] * weight).ravel())
+        block = np.zeros((size, n))
+        block[:, layout.columns(r)] = (fit.jacobians[r] * weight[:, :, None]).reshape(size, -1)
+        sensitivities.append(block)
+        rows.append(slice(at, at + size))
+        at += size
+    e, A = np.concatenate(residuals), np.concatenate(sensitivities)
     precision = A.T @ A + np.diag(prior.precision)
     right = A.T @ e + prior.precision * prior.mean
     scale = 1.0 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    lower = np.linalg.cholesky(precision * np.outer(scale, scale) + 1e-10 * np.eye(n))
+    lower = np.linalg.cholesky(precision * np.outer(scale, scale) + FAINT * np.eye(n))
     root = np.linalg.solve(lower, (A * scale).T).T
     offset = scale * np.linalg.solve(lower.T, np.linalg.solve(lower, scale * right))
 
@@ -79,97 +109,80 @@ def prepared(fitted: FittedModel, prior: SetPrior) -> Prepared:
     return Prepared(root, e - A @ offset, tuple(rows), whiten)
 
 
-def closed_form(gram: np.ndarray, with_e: np.ndarray, mean: np.ndarray, sigma: np.ndarray) -> tuple[float, np.ndarray]:
-    """Gain of log evidence by columns with factors N(mean, sigma^2), and the factors' posterior mean.
-
-    ``gram (k, k)`` and ``with_e (k,)`` are projected off the set's own unknowns.
-    """
-    S = gram + np.diag(sigma**-2.0)
-    h = with_e + mean / sigma**2
-    scale = 1.0 / np.sqrt(np.diag(S))
-    try:
-        root = np.linalg.cholesky(S * np.outer(scale, scale) + 1e-10 * np.eye(len(S)))
-    except np.linalg.LinAlgError:
-        return -1e9, np.zeros(len(S))
-    half = np.linalg.solve(root, scale * h)
-    logdet = 2.0 * float(np.sum(np.log(np.diag(root))) - np.sum(np.log(scale)))
-    gain = 0.5 * float(half @ half) - 0.5 * float(np.sum((mean / sigma) ** 2))
-    return gain - 0.5 * logdet - float(np.sum(np.log(sigma))), scale * np.linalg.solve(root.T, half)
-
-
 def closed_forms(
     grams: np.ndarray, with_e: np.ndarray, mean: np.ndarray, sigma: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same for many places at once: ``grams (p, k, k)``, ``with_e (p, k)``; gains ``(p,)`` and factors ``(p, k)``."""
+    """Gains of log evidence by columns with factors N(mean, sigma^2), at several places.
+
+    Parameters
+    ----------
+    grams : ``(p, k, k)`` and with_e : ``(p, k)`` of ``k`` columns at ``p`` places, projected off
+        the set's own unknowns. mean, sigma : ``(k,)``.
+
+    Returns
+    -------
+    Gains ``(p,)`` and posterior means ``(p, k)`` of the factors.
+    """
     S = grams + np.diag(sigma**-2.0)
     h = with_e + mean / sigma**2
-    scale = 1.0 / np.sqrt(np.einsum("pkk->pk", S))
-    inside = S * scale[:, :, None] * scale[:, None, :] + 1e-10 * np.eye(S.shape[1])
+    scale = 1.0 / np.sqrt(np.maximum(np.einsum("pkk->pk", S), 1e-300))
+    inside = S * scale[:, :, None] * scale[:, None, :] + FAINT * np.eye(S.shape[1])
     values, vectors = np.linalg.eigh(inside)
-    values = np.maximum(values, 1e-12)
+    values = np.maximum(values, 1e-2 * FAINT)
     turned = np.einsum("pji,pj->pi", vectors, scale * h)
     gain = 0.5 * np.sum(turned**2 / values, axis=1) - 0.5 * float(np.sum((mean / sigma) ** 2))
-    gain -= 0.5 * np.sum(np.log(values), axis=1) - np.sum(np.log(scale), axis=1) + float(np.sum(np.log(sigma)))
+    gain -= 0.5 * np.sum(np.log(values), axis=1) - np.sum(np.log(scale), axis=1)
+    gain -= float(np.sum(np.log(sigma)))
     return gain, scale * np.einsum("pij,pj->pi", vectors, turned / values)
 
 
-def scan(fitted: FittedModel, several: Sequence[Prepared], candidates: Sequence[Traceable], context: SearchContext, keep: int = 2) -> list[list[Lead]]:
-    """Leads of all candidates, a list for each of ``several`` noise laws: of each the best ``keep`` places."""
+def scan(
+    fitted: FittedModel,
+    ready: Prepared,
+    candidates: Sequence[Traceable],
+    context: SearchContext,
+) -> list[Lead]:
+    """Leads of all candidates that are not in the set: of each its best places."""
     motions = _motions(fitted)
-    present = {effect.name for effect in fitted.effects}
-    found: list[list[Lead]] = [[] for _ in several]
+    found: list[Lead] = []
     for candidate in candidates:
-        if candidate.name in present or isinstance(candidate, NoiseEffect):
+        if candidate.name in fitted.names or isinstance(candidate, NoiseEffect):
             continue
         effect = fitted_to(candidate, context)
         probes = tuple(effect.probes(context))
         if not probes:
             continue
         try:
-            parts = _signatures(fitted, motions, effect, probes)
+            signatures = _signatures(fitted, motions, effect, probes)
         except (ModelError, FloatingPointError):
             continue
-        usable = [(p, x) for p, x in zip(probes, parts, strict=True) if all(np.all(np.isfinite(y)) and np.max(np.abs(y), initial=0.0) < 1e6 for y in x)]
-        if not usable:
-            continue
-        for leads, ready in zip(found, several, strict=True):
-            leads += _leads(ready, effect, usable, context, keep)
+        usable = [
+            (probe, parts)
+            for probe, parts in zip(probes, signatures, strict=True)
+            if all(np.all(np.abs(part) < LARGEST) for part in parts)
+        ]
+        if usable:
+            found += _leads(ready, effect, usable, context)
     return found
 
 
-def amplitude_prior(effect: Traceable, probe: Probe, context: SearchContext) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and sigma of the factors of a probe's columns."""
+def factors_prior(
+    effect: Traceable, probe: Probe, context: SearchContext
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and sigma ``(k,)`` of the factors of a probe's columns."""
     if not probe.slopes:
         return np.ones(1), np.full(1, AMPLITUDE)
     items = {item.name: item for item in effect.parameters}
     means, sigmas = [], []
     for local in probe.slopes:
         known = prior_of(effect, items[local], probe.values[local], context)
-        means.append(known.mean - probe.values[local] if known else 0.0)
-        sigmas.append(known.sigma if known else 1e3 * max(abs(items[local].value), 1e-6))
+        means.append(known.mean - probe.values[local])
+        sigmas.append(known.sigma)
     return np.array(means), np.array(sigmas)
 
 
-def _leads(ready: Prepared, effect: Traceable, usable: Sequence[tuple[Probe, list[np.ndarray]]], context: SearchContext, keep: int) -> list[Lead]:
-    records = len(ready.rows)
-    if belongs_to_record(effect):
-        options = [_placed(ready, effect, usable, context, r) for r in range(records)]
-        return _joined(ready, effect, options, len(ready.e))
-    out = []
-    for probe, part in usable:
-        W = np.concatenate([ready.whiten(r, part[r]) for r in range(records)])
-        mean, sigma = amplitude_prior(effect, probe, context)
-        B = ready.root.T @ W
-        gain, factors = closed_form(W.T @ W - B.T @ B, W.T @ ready.e, mean, sigma)
-        if possible(effect, probe, factors):
-            own = np.full(len(sigma), -1)
-            out.append(Lead(effect, W, (probe,) * records, (0,) * records, mean, sigma, own, -math.log(len(usable)), gain))
-    out.sort(key=lambda lead: -lead.gain)
-    return out[:keep]
-
-
-def possible(effect: Traceable, probe: Probe, factors: np.ndarray) -> bool:
-    """Whether factors point the physical way."""
+def _possible(effect: Traceable, probe: Probe, factors: np.ndarray) -> bool:
+    """Whether the factors point the physical way."""
     if not probe.slopes:
         return bool(factors[0] > 0.0)
     if len(probe.slopes) > 1:
@@ -180,17 +193,47 @@ def possible(effect: Traceable, probe: Probe, factors: np.ndarray) -> bool:
     return not (value <= low and factors[0] < 0.0) and not (value >= high and factors[0] > 0.0)
 
 
-def _placed(ready: Prepared, effect: Traceable, usable: Sequence[tuple[Probe, list[np.ndarray]]], context: SearchContext, r: int) -> list[tuple]:
-    """Places of an effect in one record: gain, probe, shift, whitened columns, mean, sigma."""
+def _leads(
+    ready: Prepared,
+    effect: Traceable,
+    usable: Sequence[tuple[Probe, list[np.ndarray]]],
+    context: SearchContext,
+) -> list[Lead]:
+    records = len(ready.rows)
+    if belongs_to_record(effect):
+        places = [_placed(ready, effect, usable, context, r) for r in range(records)]
+        return _joined(ready, effect, places)
+    out = []
+    for probe, parts in usable:
+        W = np.concatenate([ready.whiten(r, part) for r, part in enumerate(parts)])
+        mean, sigma = factors_prior(effect, probe, context)
+        B = ready.root.T @ W
+        gains, factors = closed_forms((W.T @ W - B.T @ B)[None], (W.T @ ready.e)[None], mean, sigma)
+        if _possible(effect, probe, factors[0]):
+            own = np.full(len(sigma), -1)
+            price = -math.log(len(usable))
+            same, still = (probe,) * records, (0,) * records
+            out.append(Lead(effect, W, same, still, mean, sigma, own, price, float(gains[0])))
+    return sorted(out, key=lambda lead: -lead.gain)[:KEPT]
+
+
+def _placed(
+    ready: Prepared,
+    effect: Traceable,
+    usable: Sequence[tuple[Probe, list[np.ndarray]]],
+    context: SearchContext,
+    r: int,
+) -> list[Place]:
+    """Places of an effect in one record."""
     out = []
     rows = ready.rows[r]
     root, e = ready.root[rows], ready.e[rows]
-    for probe, part in usable:
-        own = part[r]
-        k, count = own.shape[2], own.shape[1]
-        mean, sigma = amplitude_prior(effect, probe, context)
+    for probe, parts in usable:
+        own = parts[r]
+        m, count, k = own.shape
+        mean, sigma = factors_prior(effect, probe, context)
         shifts = list(range(0, count - 3, max(1, count // PLACES))) if probe.shifts else [0]
-        moved = np.zeros((own.shape[0], count, len(shifts) * k))
+        moved = np.zeros((m, count, len(shifts) * k))
         for number, shift in enumerate(shifts):
             moved[:, shift:, number * k : (number + 1) * k] = own[:, : count - shift]
         W = np.ascontiguousarray(ready.whiten(r, moved).T).reshape(len(shifts), k, -1)
@@ -198,39 +241,53 @@ def _placed(ready: Prepared, effect: Traceable, usable: Sequence[tuple[Probe, li
         grams = W @ W.swapaxes(1, 2) - inside @ inside.swapaxes(1, 2)
         gains, factors = closed_forms(grams, W @ e, mean, sigma)
         for number, shift in enumerate(shifts):
-            if possible(effect, probe, factors[number]):
-                out.append((float(gains[number]), probe, shift, W[number].T, mean, sigma))
+            if _possible(effect, probe, factors[number]):
+                gain = float(gains[number])
+                out.append(Place(gain, probe, shift, W[number].T, mean, sigma))
     return out
 
 
-def _joined(ready: Prepared, effect: Traceable, options: Sequence[list[tuple]], rows: int) -> list[Lead]:
-    """The best place in each record as one lead; in a record where an event brings nothing it is absent."""
+def _joined(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]]) -> list[Lead]:
+    """The best place in each record as one lead.
+
+    An event is in a record or not with even odds, and is left out where it brings nothing.
+    """
     event = bool(effect.traits.onset)
-    probes: list[Probe | None] = []
-    shifts, blocks, means, sigmas, owners, price, gain = [], [], [], [], [], 0.0, 0.0
-    for r, places in enumerate(options):
-        if not places and not event:
+    chosen: list[Place | None] = []
+    price = gain = 0.0
+    for options in places:
+        if not options and not event:
             return []
-        best = max(places, key=lambda place: place[0]) if places else None
-        mean_gain = float(np.logaddexp.reduce([place[0] for place in places])) - math.log(len(places)) if places else -1.0
-        if event:
-            price += math.log(0.5)
-            if mean_gain <= 0.0 or best is None:
-                probes.append(None)
-                shifts.append(0)
-                continue
-        assert best is not None
-        price += mean_gain - best[0]
-        gain += best[0]
-        block = np.zeros((rows, best[3].shape[1]))
-        block[ready.rows[r]] = best[3]
-        blocks.append(block)
-        probes.append(best[1])
-        shifts.append(best[2])
-        means.append(best[4])
-        sigmas.append(best[5])
-        owners.append(np.full(len(best[5]), r))
-    if not blocks:
+        best = max(options, key=lambda place: place.gain, default=None)
+        mean = -1.0
+        if options:
+            gains = [place.gain for place in options]
+            mean = float(np.logaddexp.reduce(gains)) - math.log(len(gains))
+        price += math.log(0.5) if event else 0.0
+        if best is None or (event and mean <= 0.0):
+            chosen.append(None)
+            continue
+        price += mean - best.gain
+        gain += best.gain
+        chosen.append(best)
+    there = [(r, place) for r, place in enumerate(chosen) if place is not None]
+    if not there:
         return []
-    joined = [np.concatenate(each) for each in (means, sigmas, owners)]
-    return [Lead(effect, np.concatenate(blocks, axis=1), tuple(probes), tuple(shifts), joined[0], joined[1], joined[2], price, gain)]
+    blocks = []
+    for r, place in there:
+        block = np.zeros((len(ready.e), place.columns.shape[1]))
+        block[ready.rows[r]] = place.columns
+        blocks.append(block)
+    return [
+        Lead(
+            effect,
+            np.concatenate(blocks, axis=1),
+            tuple(place.probe if place is not None else None for place in chosen),
+            tuple(place.shift if place is not None else 0 for place in chosen),
+            np.concatenate([place.mean for _, place in there]),
+            np.concatenate([place.sigma for _, place in there]),
+            np.concatenate([np.full(len(place.sigma), r) for r, place in there]),
+            price,
+            gain,
+        )
+    ]

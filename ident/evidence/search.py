@@ -1,4 +1,9 @@
-"""Search of sets of effects: proposed in the linear world, fitted, weighed by their evidence."""
+"""Search of sets of effects: proposed in the linear world, fitted, weighed by their evidence.
+
+A round scans all candidates at one fitted set, weighs sets of them in closed form, and fits the
+few that promise most. The sets that were fitted, by the names of their effects, are the support of
+the posterior.
+"""
 
 from __future__ import annotations
 
@@ -8,95 +13,60 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.evidence.priors import half_normal_factor, log_mass, log_odds, set_prior
+from ident.evidence.evidence import Key, Weighed, evidence_of
+from ident.evidence.priors import log_odds, set_prior
 from ident.evidence.scan import Lead, prepared, scan
-from ident.evidence.set_search import LinearSet, weighed
+from ident.evidence.set_search import LinearSet, weighed_sets
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.candidate_model.fitted_model import FittedModel, Start, Values, fit_set, belongs_to_record, levels_of, never_together
+from ident.tracing.candidate_model.fitted_model import (
+    FittedModel,
+    Start,
+    Values,
+    belongs_to_record,
+    fit_set,
+    levels_of,
+    never_together,
+)
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.screening.context import search_context
 from ident.tracing.selection.criterion import is_white
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Edged, SearchContext, Traceable
+from sim.errors import ModelError
 
-Key = frozenset[str]
-DEPTH = 3
-EDGES = (16, 4, 1)  # times the width of an event's edges, while its time is looked for
-LEADERS = 4  # sets of a round that are fitted
+DEPTH = 3  # effects in a set, at most
+ROUNDS = 6
+LEADERS = 4  # single effects that a round fits; half as many sets of each larger size
 BUDGET = 40  # fits of a search
+SHARES = (1.0, 0.3, 0.1)  # of a step of the linear world, in turn, until a fit begun there improves
+IMPROVES = 0.3  # of what the linear world promises
+SHIFTS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # s, by which an event is moved to look for its time
+EDGES = (16, 4, 1)  # times the width of its edges meanwhile
 LEAST_NOISE = 0.3  # of the noise that high frequencies show: logged signals are filtered
-PROCESS_NOISE_OFFERED = 1e-2
-WORTH = 0.0  # log weight against the parent above which a set is fitted
-
-
-@dataclass(frozen=True, eq=False)
-class Weighed:
-    """A fitted set: ``evidence`` ln p(data | set), ``weight`` with the prior odds; ``offset``, ``covariance`` of the posterior about the fit."""
-
-    fitted: FittedModel
-    evidence: float
-    weight: float
-    offset: np.ndarray
-    covariance: np.ndarray
-
-    @property
-    def names(self) -> Key:
-        return frozenset(self.fitted.names)
-
-
-def evidence_of(fitted: FittedModel, context: SearchContext) -> tuple[float, np.ndarray, np.ndarray]:
-    """Laplace's approximation about a fit: log evidence, offset of the posterior's mode from the fit, its covariance."""
-    fit = fitted.fit
-    prior = set_prior(fitted, context)
-    normal, gradient = fit.normal_equations()
-    normal, gradient = normal.copy(), gradient.copy()
-    likelihood = fit.log_likelihood
-    if fit.layout.prior is not None:  # what the fit itself knew is counted once, by the priors here
-        known = fit.layout.prior
-        away = fit.theta[known.positions] - known.mean
-        likelihood += 0.5 * float(away @ known.information @ away)
-        normal[np.ix_(known.positions, known.positions)] -= known.information
-        gradient[known.positions] += known.information @ away
-    precision = normal + np.diag(prior.precision)
-    right = gradient + prior.precision * prior.mean
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    inside = precision * np.outer(scale, scale)
-    inside = 0.5 * (inside + inside.T)
-    values, vectors = np.linalg.eigh(inside)
-    values = np.maximum(values, 1e-10)
-    inverse = (vectors / values) @ vectors.T
-    offset = scale * (inverse @ (scale * right))
-    covariance = inverse * np.outer(scale, scale)
-    logdet = float(np.sum(np.log(values))) - 2.0 * float(np.sum(np.log(scale)))
-    quadratic = float(gradient @ offset - 0.5 * offset @ normal @ offset)
-    away = offset - prior.mean
-    total = likelihood + quadratic - 0.5 * float(away @ (prior.precision * away)) + prior.constant - 0.5 * logdet
-    flat = len(fit.theta) - int(np.count_nonzero(prior.precision))
-    total += 0.5 * flat * math.log(2.0 * math.pi)
-    if not has_process_noise(fitted.system):
-        # The noise levels are unknowns too, concentrated out: curvature 2 N in ln(sigma).
-        total += sum(0.5 * math.log(2.0 * math.pi / (2.0 * n)) for n in fit.counts.tolist() if n)
-    else:
-        levels = fit.theta[len(fit.layout.names) :]
-        total -= float(np.sum(np.log(np.maximum(levels, 1e-300))))  # flat in ln(level)
-    for place, low, high in prior.ranges:
-        total += log_mass(float(offset[place]), math.sqrt(max(covariance[place, place], 1e-300)), low, high)
-    for place, side, bound in prior.one_sided:
-        total += half_normal_factor(side * (float(offset[place]) - bound), math.sqrt(max(covariance[place, place], 1e-300)))
-    return float(total), offset, covariance
+PROCESS_NOISE_OFFERED = 1e-2  # p-value of a white residual above which rough air is not tried
 
 
 def measured_noise(fitted: FittedModel) -> dict[str, float]:
-    """Standard deviation of each output's noise from third differences of its residual, which motion hardly reaches."""
+    """Standard deviation of each output's noise, by third differences of its residual.
+
+    Motion hardly reaches these; the median is not moved by single wrong samples.
+    """
     found: dict[str, float] = {}
+    layout = fitted.fit.layout
     for i, name in enumerate(fitted.system.output_names):
-        each = []
-        for problem, residual in zip(fitted.fit.layout.problems, fitted.fit.residuals, strict=True):
-            if np.count_nonzero(problem.valid[i]) > 4:
-                each.append(np.median(np.abs(np.diff(residual[i][problem.valid[i]], 3))) / 0.6745 / math.sqrt(20.0))
-        if each:
-            found[name] = float(np.mean(each))
+        sizes = [
+            float(np.median(np.abs(np.diff(residual[i][problem.valid[i]], 3))))
+            for problem, residual in zip(layout.problems, fitted.fit.residuals, strict=True)
+            if np.count_nonzero(problem.valid[i]) > 4
+        ]
+        if sizes:
+            found[name] = float(np.mean(sizes)) / (0.6745 * math.sqrt(20.0))
     return found
+
+
+def together(one: Traceable, other: Traceable) -> bool:
+    """Whether two effects may be in one set."""
+    return one.name != other.name and not (never_together(one, other) or never_together(other, one))
 
 
 def _silent(text: str) -> None:
@@ -105,10 +75,20 @@ def _silent(text: str) -> None:
 
 @dataclass(eq=False)
 class Search:
-    """All sets that were fitted, by the names of their effects.
+    """A search over sets of effects.
 
-    ``base`` : what stands in every set and is never claimed (the model discrepancy); none for a search under white noise.
-    ``candidates`` : effects and guards that may be added.
+    Attributes
+    ----------
+    problem : records and declared model. candidates : effects and guards that may be added.
+    base : what stands in every set and is never named, such as a model discrepancy.
+    tell : told a line about each set that is fitted.
+    visited : the fitted sets by the names of their effects, ``base`` included.
+    expanded : sets at which all candidates were scanned.
+    alike : of pairs of names, the largest cosine of what they would add. fits : how many were made.
+
+    Raises
+    ------
+    ModelError : the declared model cannot be fitted to the records.
     """
 
     problem: TraceProblem
@@ -119,181 +99,215 @@ class Search:
     expanded: set[Key] = field(default_factory=set)
     alike: dict[Key, float] = field(default_factory=dict)
     fits: int = 0
-    scans: int = 0
 
     def __post_init__(self) -> None:
-        root = self.problem.fit((), None)
-        assert root is not None
-        self.context = search_context(root, self.problem.predicted)
-        self.floor = {} if not self.base else {name: LEAST_NOISE * std for name, std in measured_noise(root).items()}
-        if self.base:
-            root = self.problem.fit(self.base, root, rough=True)
-            assert root is not None
+        declared = self.problem.fit((), None)
+        root = declared
+        if declared is not None:
+            self.context: SearchContext = search_context(declared, self.problem.predicted)
+            noise = measured_noise(declared)
+            self.floor = {name: LEAST_NOISE * std for name, std in noise.items()}
+            if self.base:
+                root = self.problem.fit(self.base, declared, rough=True)
+        if root is None:
+            raise ModelError(
+                "the declared model has no finite cost on these records",
+                where=self.problem.records[0].name,
+                remedy="check units and starting values",
+            )
         self.root = self.kept(root)
 
+    def added(self, one: Weighed) -> Key:
+        """Names of the effects of a set beyond the base."""
+        return one.names - {effect.name for effect in self.base}
+
+    # ---------------------------------------------------------------- fits
     def kept(self, fitted: FittedModel) -> Weighed:
         """Weigh a fit and keep it, the better of two optima where the set was met before."""
         self.fits += 1
         evidence, offset, covariance = evidence_of(fitted, self.context)
-        found = Weighed(fitted, evidence, evidence + log_odds([each for each in fitted.effects if each not in self.base], self.candidates), offset, covariance)
+        named = [effect for effect in fitted.effects if effect not in self.base]
+        weight = evidence + log_odds(named, self.candidates)
+        found = Weighed(fitted, evidence, weight, offset, covariance)
         old = self.visited.get(found.names)
         if old is None or found.weight > old.weight:
             self.visited[found.names] = found
         return self.visited[found.names]
 
-    def fit(self, effects: Sequence[Traceable], values: Values, added: Sequence[Mapping[str, float]], parent: FittedModel) -> FittedModel | None:
-        """A set fitted roughly from given values."""
-        shared = {name: value for one in added for name, value in one.items()}
-        own = tuple({**mine, **one} for mine, one in zip(values.own, added, strict=True))
-        start = Start(Values({**shared, **values.shared}, own, values.states), {}, self._levels(parent))
+    def fit(
+        self,
+        effects: Sequence[Traceable],
+        parent: FittedModel,
+        added: Sequence[Mapping[str, float]] = (),
+        values: Values | None = None,
+    ) -> FittedModel | None:
+        """A set fitted roughly from the values of another, ``added`` new ones of each record."""
+        values = values or parent.values
+        fresh = added or [{} for _ in values.own]
+        shared = {name: value for one in fresh for name, value in one.items()}
+        own = tuple({**mine, **one} for mine, one in zip(values.own, fresh, strict=True))
+        levels = levels_of(parent)
+        if levels is not None and self.base:
+            levels = {name: max(std, self.floor.get(name, 0.0)) for name, std in levels.items()}
+        start = Start(Values({**shared, **values.shared}, own, values.states), {}, levels)
         return fit_set(self.problem.data, tuple(effects), self.problem.roughly, start)
 
-    def _levels(self, parent: FittedModel) -> Mapping[str, float] | None:
-        """Noise levels to begin with: none below what the records' high frequencies show."""
-        levels = levels_of(parent)
-        return levels if levels is None else {name: max(std, self.floor.get(name, 0.0)) for name, std in levels.items()}
-
     def child(self, parent: Weighed, proposed: LinearSet) -> Weighed | None:
-        """The parent's set with the leads of a proposed one, fitted; from nearer absence where the step leads astray."""
-        values = parent.fitted.values
+        """The parent's set with the leads of a proposed one.
+
+        Where the step of the linear world leads astray, the fit begins nearer to absence.
+        """
         effects = (*parent.fitted.effects, *(lead.effect for lead in proposed.leads))
-        best = None
-        for share in (1.0, 0.3, 0.1):
-            added: list[dict[str, float]] = [{} for _ in values.own]
+        best: FittedModel | None = None
+        for share in SHARES:
+            added: list[dict[str, float]] = [{} for _ in parent.fitted.values.own]
             for lead, factors in zip(proposed.leads, proposed.factors, strict=True):
-                for record, one in zip(added, _starts(lead, share * factors, len(added), self.context.interval), strict=True):
+                starts = _starts(lead, share * factors, len(added), self.context.interval)
+                for record, one in zip(added, starts, strict=True):
                     record |= one
-            fitted = self.fit(effects, values, added, parent.fitted)
+            fitted = self.fit(effects, parent.fitted, added)
             if fitted is not None and (best is None or fitted.fit.cost < best.fit.cost):
                 best = fitted
-            if best is not None and parent.fitted.fit.cost - best.fit.cost > 0.3 * proposed.gain:
+            brought = parent.fitted.fit.cost - best.fit.cost if best is not None else -math.inf
+            if brought > IMPROVES * proposed.gain:
                 break
         return None if best is None else self.kept(best)
 
-    def placed_better(self, one: Weighed) -> Weighed:
-        """Events of a set looked for a little earlier and later, with wide edges first: their times have local optima."""
-        for effect in [each for each in one.fitted.effects if each.traits.onset]:
-            for r in range(len(one.fitted.values.own) if belongs_to_record(effect) else 1):
-                one = self._event_moved(one, effect, r)
-        return one
-
-    def _event_moved(self, one: Weighed, effect: Traceable, r: int) -> Weighed:
-        name = full_name(effect, effect.traits.onset)
-        wide = effect.blunted(EDGES[0]) if isinstance(effect, Edged) else effect
-        best: FittedModel | None = None
-        for shift in (-0.6, -0.3, 0.0, 0.3, 0.6) if wide is not effect else (-0.6, -0.3, 0.3, 0.6):
-            moved = self._again(one.fitted, wide, name, r, shift)
-            if moved is not None and (best is None or moved.fit.cost < best.fit.cost):
-                best = moved
-        for width in EDGES[1:] if wide is not effect else ():
-            form = effect.blunted(width) if width > 1 else effect
-            best = self._again(best, form, name, r, 0.0) if best is not None else None
-        return one if best is None or best.fit.cost >= one.fitted.fit.cost else self.kept(best)
-
-    def _again(self, fitted: FittedModel, form: Traceable, name: str, r: int, shift: float) -> FittedModel | None:
-        """A set with one effect in a form of it, its onset in record ``r`` moved, fitted again."""
-        self.fits += 1
-        effects = tuple(form if each.name == form.name else each for each in fitted.effects)
-        values = fitted.values
-        if name in values.shared:
-            values = replace(values, shared={**values.shared, name: values.shared[name] + shift})
-        else:
-            own = tuple({**mine, name: mine[name] + shift} if i == r else mine for i, mine in enumerate(values.own))
-            values = replace(values, own=own)
-        return self.fit(effects, values, [{} for _ in values.own], fitted)
-
     def without(self, parent: Weighed, name: str) -> Weighed | None:
-        """The set without one of its effects."""
+        """The set without one of its effects, fitted from where the others stand."""
         effects = tuple(effect for effect in parent.fitted.effects if effect.name != name)
-        fitted = self.fit(effects, parent.fitted.values, [{} for _ in parent.fitted.values.own], parent.fitted)
+        fitted = self.fit(effects, parent.fitted)
         return None if fitted is None else self.kept(fitted)
 
+    # ---------------------------------------------------------------- rounds
     def run(self) -> Search:
-        """Rounds until the best set has been scanned and nothing outdoes it; then its members are left out and replaced."""
-        for _ in range(6):
+        """Rounds until the best set has been scanned and nothing outdoes it.
+
+        Then each of its members is left out, and others are tried in its place.
+        """
+        for _ in range(ROUNDS):
             best = self.best()
             if best.names in self.expanded or self.fits > BUDGET:
                 break
-            self.tell(f"expand {sorted(best.names)} {best.weight - self.root.weight:+.1f}")
             self.expand(best)
-        for _ in range(2 if self.fits < BUDGET else 0):
+        for _ in range(2):
             top = self.best()
-            for name in sorted(top.names - {each.name for each in self.base}) if len(top.names) > 1 + len(self.base) else ():
+            members = sorted(self.added(top))
+            for name in members if len(members) > 1 else ():
                 less = self.without(top, name)
                 if less is not None and less.names not in self.expanded and self.fits < BUDGET:
                     self.expand(less, most=2)
-            if self.best() is top:
+            if self.best() is top or self.fits > BUDGET:
                 break
             if self.best().names not in self.expanded:
                 self.expand(self.best())
         return self
 
     def best(self) -> Weighed:
+        """The set of largest posterior probability."""
         return max(self.visited.values(), key=lambda one: one.weight)
 
     def expand(self, parent: Weighed, most: int = LEADERS) -> None:
-        """Scan at a set, weigh sets of leads, fit the leaders."""
+        """Scan at a set, weigh sets of leads there, fit the leaders."""
         self.expanded.add(parent.names)
-        self.scans += 1
-        present = [each for each in parent.fitted.effects if not each.traits.background and each not in self.base]
-        deeper = DEPTH - len(present)
+        present = [each for each in parent.fitted.effects if not each.traits.background]
+        deeper = DEPTH - len([each for each in present if each not in self.base])
         if deeper > 0:
-            ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
-            (leads,) = scan(parent.fitted, [ready], self.candidates, self.context)
-            possible = [lead for lead in leads if all(self._together(lead.effect, other) for other in parent.fitted.effects)]
-            sets, overlap = weighed(ready, possible, self._odds, lambda a, b: self._together(a.effect, b.effect), deeper)
-            for i, a in enumerate(overlap.names):
-                for j, b in enumerate(overlap.names[:i]):
-                    if a != b:
-                        key = frozenset((a, b))
-                        self.alike[key] = max(self.alike.get(key, 0.0), float(overlap.cosines[i, j]))
-            made_here: list[Weighed] = []
-            for proposed in self._leaders(sets, most):
-                if parent.names | proposed.names in self.visited:
-                    continue
-                made = self.child(parent, proposed)
-                if made is not None:
-                    made_here.append(made)
-                    self.tell(f"  {sorted(made.names)} linear {proposed.weight:.1f} weight {made.weight - self.root.weight:+.1f}")
-            # Which of them leads hangs on where their events are.
-            for made in sorted(made_here, key=lambda one: -one.weight)[:1]:
-                better = self.placed_better(made)
-                if better is not made:
-                    self.tell(f"  {sorted(made.names)} placed better {better.weight - made.weight:+.1f}")
-        if self.base or not (has_process_noise(parent.fitted.system) or is_white(parent.fitted, PROCESS_NOISE_OFFERED)):
-            self.with_process_noise(parent)
+            made = [
+                child
+                for proposed in self._proposed(parent, deeper, most)
+                if parent.names | proposed.names not in self.visited
+                and (child := self.child(parent, proposed)) is not None
+            ]
+            for child in made:
+                self.tell(f"{sorted(child.names)} {child.weight - self.root.weight:+.1f}")
+            if made:
+                # Which set leads hangs on where its events are.
+                self._placed_better(max(made, key=lambda one: one.weight))
+        rough = has_process_noise(parent.fitted.system)
+        if self.base or not (rough or is_white(parent.fitted, PROCESS_NOISE_OFFERED)):
+            self._with_process_noise(parent)
 
-    def with_process_noise(self, parent: Weighed) -> None:
-        for effect in self.candidates:
-            if isinstance(effect, NoiseEffect) and parent.names | {effect.name} not in self.visited:
-                fitted = self.fit((*parent.fitted.effects, effect), parent.fitted.values, [{} for _ in parent.fitted.values.own], parent.fitted)
-                if fitted is not None:
-                    made = self.kept(fitted)
-                    self.tell(f"  {sorted(made.names)} weight {made.weight - self.root.weight:+.1f}")
-
-    def _leaders(self, sets: Sequence[LinearSet], most: int) -> list[LinearSet]:
-        """The weightiest single effects, and larger sets where they promise more than any smaller one."""
+    def _proposed(self, parent: Weighed, deeper: int, most: int) -> list[LinearSet]:
+        """The weightiest single leads, and larger sets that promise more than any smaller one."""
+        ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
+        leads = [
+            lead
+            for lead in scan(parent.fitted, ready, self.candidates, self.context)
+            if all(together(lead.effect, other) for other in parent.fitted.effects)
+        ]
+        sets, overlap = weighed_sets(
+            ready,
+            leads,
+            lambda lead: log_odds([lead.effect], self.candidates),
+            lambda a, b: together(a.effect, b.effect),
+            deeper,
+        )
+        for key, cosine in overlap.items():
+            self.alike[key] = max(self.alike.get(key, 0.0), cosine)
         chosen: list[LinearSet] = []
-        bar = WORTH
-        for size in range(1, DEPTH + 1):
-            seen: set[Key] = set()
+        bar = 0.0
+        for size in range(1, deeper + 1):
+            best: dict[Key, LinearSet] = {}
             for each in sets:
-                if len(each.leads) == size and each.weight > (WORTH if size == 1 else bar) and each.names not in seen:
-                    seen.add(each.names)
-                    chosen.append(each)
-                    if len(seen) == (most if size == 1 else most // 2):
-                        break
+                if len(each.leads) == size and each.weight > bar:
+                    best.setdefault(each.names, each)
+            chosen += list(best.values())[: most if size == 1 else most // 2]
             bar = max([bar, *(each.weight for each in chosen)])
         return chosen
 
-    def _odds(self, lead: Lead) -> float:
-        return log_odds([lead.effect], self.candidates)
+    def _with_process_noise(self, parent: Weighed) -> None:
+        for effect in self.candidates:
+            if not isinstance(effect, NoiseEffect) or parent.names | {effect.name} in self.visited:
+                continue
+            if effect.name not in parent.names:
+                fitted = self.fit((*parent.fitted.effects, effect), parent.fitted)
+                if fitted is not None:
+                    self.kept(fitted)
 
-    def _together(self, one: Traceable, other: Traceable) -> bool:
-        return one.name != other.name and not never_together(one, other) and not never_together(other, one)
+    # ---------------------------------------------------------------- events
+    def _placed_better(self, one: Weighed) -> Weighed:
+        """Events of a set looked for earlier and later: their times have local optima."""
+        for effect in [each for each in one.fitted.effects if each.traits.onset]:
+            records = len(one.fitted.values.own) if belongs_to_record(effect) else 1
+            for r in range(records):
+                one = self._event_moved(one, effect, r)
+        return one
+
+    def _event_moved(self, one: Weighed, effect: Traceable, r: int) -> Weighed:
+        """An event of record ``r`` begun at other times, with wide edges first."""
+        name = full_name(effect, effect.traits.onset)
+        forms = [effect.blunted(width) for width in EDGES] if isinstance(effect, Edged) else []
+        wide = forms[0] if forms else effect
+        best: FittedModel | None = None
+        for shift in SHIFTS:
+            moved = self._again(one.fitted, wide, name, r, shift)
+            if moved is not None and (best is None or moved.fit.cost < best.fit.cost):
+                best = moved
+        for form in (*forms[1:-1], effect) if forms else ():
+            best = self._again(best, form, name, r, 0.0) if best is not None else None
+        return one if best is None or best.fit.cost >= one.fitted.fit.cost else self.kept(best)
+
+    def _again(
+        self, fitted: FittedModel, form: Traceable, name: str, r: int, shift: float
+    ) -> FittedModel | None:
+        """A set with one effect in another form, its onset in record ``r`` moved."""
+        self.fits += 1
+        effects = [form if each.name == form.name else each for each in fitted.effects]
+        values = fitted.values
+        if name in values.shared:
+            moved = {**values.shared, name: values.shared[name] + shift}
+            values = replace(values, shared=moved)
+        else:
+            own = list(values.own)
+            own[r] = {**own[r], name: own[r][name] + shift}
+            values = replace(values, own=tuple(own))
+        return self.fit(effects, fitted, values=values)
 
 
-def _starts(lead: Lead, factors: np.ndarray, records: int, interval: float) -> list[dict[str, float]]:
+def _starts(
+    lead: Lead, factors: np.ndarray, records: int, interval: float
+) -> list[dict[str, float]]:
     """Values of a lead's parameters to begin a fit with, by full name, one mapping a record."""
     effect = lead.effect
     bounds = {item.name: item.bounds for item in effect.parameters}
@@ -306,8 +320,13 @@ def _starts(lead: Lead, factors: np.ndarray, records: int, interval: float) -> l
             mine = factors if not belongs_to_record(effect) else factors[lead.own == r]
             values |= dict(probe.values)
             if probe.shifts:
-                values[effect.traits.onset] = values[effect.traits.onset] + lead.shifts[r] * interval
+                values[effect.traits.onset] += lead.shifts[r] * interval
             for local, change in zip(probe.slopes, mine.tolist(), strict=False):
-                values[local] = values[local] + change
-        out.append({full_name(effect, local): float(np.clip(value, *bounds[local])) for local, value in values.items()})
+                values[local] += change
+        out.append(
+            {
+                full_name(effect, local): float(np.clip(value, *bounds[local]))
+                for local, value in values.items()
+            }
+        )
     return out

@@ -1,22 +1,27 @@
-"""Sets of leads weighed in the linear world: closed form on one Gram matrix, thousands in a second."""
+"""Sets of leads weighed in the linear world: closed form on one Gram matrix."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ident.evidence.scan import Lead, Prepared, closed_form
+from ident.evidence.scan import Lead, Prepared, closed_forms
 
-DEPTH = 4  # effects in a set, at most
 BEAM = 10  # sets of each size that are extended
-_WORTH_A_TRY = 30  # leads that take part
+TRIED = 30  # leads that take part
 
 
 @dataclass(frozen=True, eq=False)
 class LinearSet:
-    """A set of leads: its gain of log evidence, its weight with the prior odds, and the factors of each lead."""
+    """A set of leads.
+
+    Attributes
+    ----------
+    gain : of log evidence. weight : the same with the prior odds of the leads and their places.
+    factors : of each lead's columns, at the posterior's mean.
+    """
 
     leads: tuple[Lead, ...]
     gain: float
@@ -29,62 +34,84 @@ class LinearSet:
         return frozenset(lead.effect.name for lead in self.leads)
 
 
-@dataclass(frozen=True, eq=False)
-class Overlap:
-    """Cosines between what leads add to the whitened outputs, projected off the set's own unknowns."""
-
-    names: tuple[str, ...]
-    cosines: np.ndarray
-
-
-def weighed(
+def weighed_sets(
     ready: Prepared,
     leads: Sequence[Lead],
     odds: Callable[[Lead], float],
     together: Callable[[Lead, Lead], bool],
-    depth: int = DEPTH,
-) -> tuple[list[LinearSet], Overlap]:
-    """Sets of up to ``depth`` leads, the weightiest first, and how alike the leads are.
+    depth: int,
+) -> tuple[list[LinearSet], Mapping[frozenset[str], float]]:
+    """Sets of up to ``depth`` leads, the weightiest first, and how alike pairs of effects are.
 
-    ``odds`` : log prior odds of a lead. ``together`` : whether two may be in one set.
+    Parameters
+    ----------
+    ready : the fitted set at which the leads were found. odds : log prior odds of a lead.
+    together : whether two leads may be in one set.
+
+    Returns
+    -------
+    The sets, and the largest cosine between what two effects would add, by their names.
     """
-    ranked = sorted(leads, key=lambda lead: -(lead.gain + lead.price + odds(lead)))[:_WORTH_A_TRY]
+    ranked = sorted(leads, key=lambda lead: -(lead.gain + lead.price + odds(lead)))[:TRIED]
     if not ranked:
-        return [], Overlap((), np.zeros((0, 0)))
+        return [], {}
     columns = np.concatenate([lead.columns for lead in ranked], axis=1)
     B = ready.root.T @ columns
     gram, with_e = columns.T @ columns - B.T @ B, columns.T @ ready.e
     ends = np.cumsum([lead.columns.shape[1] for lead in ranked])
-    at = [np.arange(end - lead.columns.shape[1], end) for end, lead in zip(ends, ranked, strict=True)]
-    mean = np.concatenate([lead.mean for lead in ranked])
-    sigma = np.concatenate([lead.sigma for lead in ranked])
+    at = [
+        np.arange(end - lead.columns.shape[1], end) for end, lead in zip(ends, ranked, strict=True)
+    ]
     prior = [lead.price + odds(lead) for lead in ranked]
 
-    def one(members: tuple[int, ...]) -> LinearSet:
+    def made(members: tuple[int, ...]) -> LinearSet:
         where = np.concatenate([at[i] for i in members])
-        gain, factors = closed_form(gram[np.ix_(where, where)], with_e[where], mean[where], sigma[where])
+        mean = np.concatenate([ranked[i].mean for i in members])
+        sigma = np.concatenate([ranked[i].sigma for i in members])
+        gains, factors = closed_forms(
+            gram[np.ix_(where, where)][None], with_e[where][None], mean, sigma
+        )
         cuts = np.cumsum([len(at[i]) for i in members])[:-1]
+        gain = float(gains[0])
         weight = gain + sum(prior[i] for i in members)
-        return LinearSet(tuple(ranked[i] for i in members), gain, weight, tuple(np.split(factors, cuts)))
+        chosen = tuple(ranked[i] for i in members)
+        return LinearSet(chosen, gain, weight, tuple(np.split(factors[0], cuts)))
 
-    allowed = [[i != j and ranked[i].effect.name != ranked[j].effect.name and together(ranked[i], ranked[j]) for j in range(len(ranked))] for i in range(len(ranked))]
-    found: dict[frozenset[int], LinearSet] = {}
-    beam: list[tuple[int, ...]] = [()]
-    for _ in range(depth):
+    count = range(len(ranked))
+    allowed = [[together(ranked[i], ranked[j]) for j in count] for i in count]
+    singles = [made((i,)) for i in count]
+    found: dict[frozenset[int], LinearSet] = {frozenset((i,)): singles[i] for i in count}
+    beam: list[tuple[int, ...]] = [(i,) for i in list(count)[:BEAM]]
+    for _ in range(depth - 1):
         level: dict[frozenset[int], tuple[tuple[int, ...], LinearSet]] = {}
         for members in beam:
-            for i in range(len(ranked)):
+            for i in count:
                 key = frozenset((*members, i))
-                if len(key) > len(members) and key not in level and all(allowed[i][j] for j in members):
-                    level[key] = ((*members, i), one((*members, i)))
+                if key not in level and all(allowed[i][j] for j in members):
+                    level[key] = ((*members, i), made((*members, i)))
         best = sorted(level.items(), key=lambda each: -each[1][1].weight)[:BEAM]
-        found |= {key: made for key, (_, made) in best}
+        found |= {key: one for key, (_, one) in best}
         beam = [members for _, (members, _) in best]
     sets = sorted(found.values(), key=lambda each: -each.weight)
-    single = [one((i,)) for i in range(len(ranked))]
-    sides = np.zeros((columns.shape[1], len(ranked)))
-    for i, made in enumerate(single):
-        sides[at[i], i] = made.factors[0]
+    return sets, _cosines(ranked, singles, at, gram)
+
+
+def _cosines(
+    ranked: Sequence[Lead],
+    singles: Sequence[LinearSet],
+    at: Sequence[np.ndarray],
+    gram: np.ndarray,
+) -> dict[frozenset[str], float]:
+    sides = np.zeros((len(gram), len(ranked)))
+    for i, single in enumerate(singles):
+        sides[at[i], i] = single.factors[0]
     inner = sides.T @ gram @ sides
     size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
-    return sets, Overlap(tuple(lead.effect.name for lead in ranked), np.abs(inner / np.outer(size, size)))
+    cosines = np.abs(inner / np.outer(size, size))
+    found: dict[frozenset[str], float] = {}
+    for i, a in enumerate(ranked):
+        for j, b in enumerate(ranked[:i]):
+            key = frozenset((a.effect.name, b.effect.name))
+            if len(key) == 2:
+                found[key] = max(found.get(key, 0.0), float(cosines[i, j]))
+    return found

@@ -1,25 +1,30 @@
-"""Search beside a model discrepancy: which effects act all along, and show it in every part of the records.
+"""Search beside a model discrepancy: effects that act all along, and show it all along.
 
-Where no set of effects leaves noise the forces of the model are wrong in ways that no library holds. They get a random
-history (the discrepancy), and an effect is added only where the evidence for it is spread over the records: Vuong's test
-on blocks of time, which holds where neither of two models is true.
+Where no set of effects leaves noise, the forces of the model are wrong in ways that no library
+holds. They get a random history (the discrepancy) [1]_, and an effect is added only where the
+evidence for it is spread over the records: Vuong's test on blocks of time, which holds where neither of two
+models is true [2]_.
 
 References
 ----------
-.. [1] Q. H. Vuong, "Likelihood ratio tests for model selection and non-nested hypotheses", Econometrica 57, 1989.
+.. [1] M. C. Kennedy and A. O'Hagan, "Bayesian calibration of computer models", J. R. Statist. Soc.
+   B 63, 2001.
+.. [2] Q. H. Vuong, "Likelihood ratio tests for model selection and non-nested hypotheses",
+   Econometrica 57, 1989.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ident.evidence.search import Search, Weighed
+from ident.evidence.evidence import Weighed
+from ident.evidence.search import Search
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Traceable
 
 BLOCK = 1.0  # s, of a block of Vuong's test
-SPREAD = 3.5  # z of an effect that may be claimed beside a discrepancy
+SPREAD = 3.5  # z of an effect that may be named beside a discrepancy
 DEEPEST = 4
 
 
@@ -33,7 +38,8 @@ def log_densities(fitted: FittedModel) -> list[np.ndarray]:
     fit = fitted.fit
     out, total = [], 0.0
     for problem, residual in zip(fit.layout.problems, fit.residuals, strict=True):
-        out.append(-0.5 * np.sum(np.where(problem.valid, residual**2 / fit.variance[:, None], 0.0), axis=0))
+        squared = np.where(problem.valid, residual**2 / fit.variance[:, None], 0.0)
+        out.append(-0.5 * np.sum(squared, axis=0))
         total += float(out[-1].sum())
     # The rest (log determinants) is spread evenly: a filter settles within seconds.
     rest = (fit.log_likelihood - total) / sum(len(each) for each in out)
@@ -41,38 +47,53 @@ def log_densities(fitted: FittedModel) -> list[np.ndarray]:
 
 
 def vuong(more: Weighed, less: Weighed, interval: float) -> float:
-    """Difference of log evidence over the scatter of its parts in blocks of a second."""
+    """Difference of log evidence over the scatter of its parts in blocks of time.
+
+    Parameters
+    ----------
+    more, less : two fitted sets on the same records. interval : between samples, s.
+    """
     block = max(2, round(BLOCK / interval))
-    parts = [
-        np.add.reduceat(a - b, np.arange(0, len(a), block))
-        for a, b in zip(log_densities(more.fitted), log_densities(less.fitted), strict=True)
-    ]
+    pairs = zip(log_densities(more.fitted), log_densities(less.fitted), strict=True)
+    parts = [np.add.reduceat(a - b, np.arange(0, len(a), block)) for a, b in pairs]
     d = np.concatenate(parts)
     return float((more.evidence - less.evidence) / (np.sqrt(len(d)) * np.std(d) + 1e-12))
 
 
-def _random(more: Weighed, less: Weighed) -> bool:
-    """Whether what one set has more than another is process noise."""
-    return any(isinstance(each, NoiseEffect) for each in more.fitted.effects if each.name not in less.names)
-
-
 def spread_search(search: Search) -> Weighed:
-    """The set that is reached by additions of which each is spread over the records, and none can be left out."""
-    leader = search.root
+    """The set reached by additions of which each is spread over the records.
+
+    After each addition those before it are left out, one at a time, and stay out where they are
+    no longer needed.
+    """
+    leader, interval = search.root, search.context.interval
     for _ in range(DEEPEST):
         if leader.names not in search.expanded:
             search.expand(leader)
-        children = [one for key, one in search.visited.items() if leader.names < key and len(key) == len(leader.names) + 1]
-        good = [one for one in children if one.weight > leader.weight and vuong(one, leader, search.context.interval) > SPREAD]
-        # Rough air takes in what has a cause: it is added where no cause can be.
-        good = [one for one in good if not _random(one, leader)] or good
+        good = [
+            one
+            for key, one in search.visited.items()
+            if leader.names < key
+            and len(key) == len(leader.names) + 1
+            and one.weight > leader.weight
+            and vuong(one, leader, interval) > SPREAD
+        ]
         if not good:
             break
-        leader = max(good, key=lambda one: one.weight)
-        search.tell(f"leader {sorted(leader.names)} {leader.weight - search.root.weight:+.1f}")
-        for name in sorted(leader.names - search.root.names) if len(leader.names) > len(search.root.names) + 1 else ():
+        # Rough air takes in what has a cause: it is added where no cause can be.
+        causes = [one for one in good if not _adds_noise(one, leader)]
+        leader = max(causes or good, key=lambda one: one.weight)
+        members = sorted(search.added(leader))
+        for name in members if len(members) > 1 else ():
             less = search.without(leader, name)
-            if less is not None and (less.weight > leader.weight or vuong(leader, less, search.context.interval) < SPREAD):
-                search.tell(f"  without {name}")
+            if less is None:
+                continue
+            if less.weight > leader.weight or vuong(leader, less, interval) < SPREAD:
                 leader = less
     return leader
+
+
+def _adds_noise(more: Weighed, less: Weighed) -> bool:
+    """Whether what one set has more than another is process noise."""
+    fresh = [each for each in more.fitted.effects if each.name not in less.names]
+    return any(isinstance(each, NoiseEffect) for each in fresh)

@@ -9,6 +9,7 @@ from types import MappingProxyType
 GUARD = "guard:"  # what a guard's printed name begins with
 
 _NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
+_NO_SIZES: Mapping[str, float] = MappingProxyType({})
 _NO_PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType({})
 _NO_NAMES: Mapping[str, tuple[str, float]] = MappingProxyType({})
 _NO_MANEUVERS: Mapping[str, str] = MappingProxyType({})
@@ -38,6 +39,8 @@ class Traits:
     never_beside : names of effects that are never in one set with it: of one slow fault, or one law of the airspeed, a record shows no more.
     rarer_than : names of effects that explain the same and are the likelier cause: it takes their place only where the data prefer it.
     plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
+    usual : local name -> one standard deviation of what is expected of it before any record is seen, about its absence; its declared
+        size where it is not here.
     loose : local names of parameters that a claim need not know: their sigma may exceed their value.
     oscillates : local names of frequencies, rad/s, that a record resolves only well below half its sampling rate.
     dies_out : local name of the damping ratio of what it adds: a motion that need not die out is what a load that swings all along does, too.
@@ -74,6 +77,7 @@ class Traits:
     never_beside: tuple[str, ...] = ()
     rarer_than: tuple[str, ...] = ()
     plausible: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
+    usual: Mapping[str, float] = field(default_factory=lambda: _NO_SIZES)
     loose: tuple[str, ...] = ()
     oscillates: tuple[str, ...] = ()
     dies_out: str = ""

@@ -88,6 +88,7 @@ class AccelerometerOffset:
             separating={"vane-offset": MEASURE_IT},
             twins=self.aliases,
             equivalents=(*self.aliases, "guard:vane-behind") if self.aliases else (),
+            usual={"arm": 1.0},  # m: it is mounted near the center of gravity
             plausible={"arm": (-40.0, 40.0) if self.aliases else (-5.0, 5.0)},
         )
 

@@ -81,6 +81,7 @@ class VaneOffset:
             twins=(self._accelerometer,),
             equivalents=(self._accelerometer,),
             plausible={"arm": (0.0, 40.0)},
+            usual={"arm": 10.0},  # m: nose booms
         )
 
     @property
