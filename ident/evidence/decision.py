@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ident.evidence.evidence import Key, Weighed
-from ident.evidence.search import Search, measured_noise
+from ident.evidence.search import Search
 from ident.evidence.steady_search import is_steady, spread_search, vuong
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.fitted_model import FittedModel, levels_of
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
 from ident.tracing.validation.whiteness import whiteness
@@ -25,7 +25,7 @@ RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 
 @dataclass(frozen=True)
 class Named:
-    """An effect of the decision: its probability, and that of each effect that could take its place.
+    """An effect of the decision, with its probability and that of each that could take its place.
 
     ``spread`` : z of Vuong's test, beside a discrepancy; None under white noise.
     """
@@ -38,9 +38,12 @@ class Named:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What the records say: the verdict, the set that it rests on, the effects named and those that are only hints.
+    """What the records say.
 
-    ``inclusion`` : probability of each effect over all sets that were fitted under the noise that was decided on.
+    Attributes
+    ----------
+    best : the set that the verdict rests on. named : its effects. hints : effects that may act.
+    inclusion : probability of each effect over all sets that were fitted under the same noise.
     """
 
     verdict: Verdict
@@ -113,7 +116,7 @@ def _by_sets(search: Search, best: Weighed) -> Decision:
 def _alike(
     search: Search, best: Weighed, effect: Traceable, sets: Mapping[Key, float]
 ) -> dict[str, float]:
-    """Effects in the place of a member of the best set that the records do not tell from it, with the probabilities of these sets."""
+    """Effects that the records do not tell from a member, with their probabilities."""
     rest = best.names - {effect.name}
     found: dict[str, float] = {}
     for key, share in sets.items():
@@ -134,7 +137,7 @@ def _undecided(search: Search, best: Weighed) -> Decision:
 
 
 def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decision:
-    """Beside a discrepancy: what is spread over the records, with its rivals that are not told from it."""
+    """Beside a discrepancy: what is spread over the records, with the rivals of each."""
     interval, guards = search.context.interval, search.problem.guards
     inclusion = inclusion_of(probabilities(search))
     fits = white.fits + search.fits
@@ -147,7 +150,7 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
         share = 1.0 / (1.0 + sum(rivals.values()))
         named.append(Named(name, share, {other: each * share for other, each in rivals.items()}, z))
     if not named:
-        slight = _error_over_noise(white.root.fitted) < SLIGHT
+        slight = _error_over_noise(white.root.fitted, search.root.fitted) < SLIGHT
         verdict = Verdict.CONSISTENT if slight else Verdict.UNEXPLAINED
         return Decision(
             verdict, white.root.fitted if slight else search.root.fitted, (), (), inclusion, fits
@@ -161,7 +164,7 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
 
 
 def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
-    """Effects in the place of one that Vuong's test does not tell from it, with their odds by the test's normal law."""
+    """Effects that Vuong's test does not tell from one, with their odds by its normal law."""
     from scipy.stats import norm
 
     rest = best.names - {name}
@@ -177,18 +180,8 @@ def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
     return found
 
 
-def _error_over_noise(fitted: FittedModel) -> float:
-    """Largest ratio, over the outputs, of the residual's size to its noise as high frequencies show it."""
-
-    sizes = np.sqrt(fitted.fit.variance)
-    noise = measured_noise(fitted)
-    return max(
-        float(size) / max(noise[name], 1e-300)
-        for name, size in zip(fitted.system.output_names, sizes, strict=True)
-        if name in noise
-    )
-
-
-def sequence_of(named: Sequence[Named]) -> str:
-    """Names with their probabilities, for a line of text."""
-    return ", ".join(f"{each.name} {each.probability:.2f}" for each in named)
+def _error_over_noise(declared: FittedModel, beside: FittedModel) -> float:
+    """Largest ratio, over the outputs, of the residual to the noise beside the discrepancy."""
+    levels = levels_of(beside) or {}
+    sizes = zip(declared.system.output_names, np.sqrt(declared.fit.variance), strict=True)
+    return max(float(size) / max(levels[name], 1e-300) for name, size in sizes if name in levels)

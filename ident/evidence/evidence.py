@@ -1,4 +1,4 @@
-"""Log evidence of one fitted set of effects: how probable the data are under it, its unknowns integrated out."""
+"""Log evidence of a fitted set of effects: its unknowns integrated out of the likelihood."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Weighed:
 
     Attributes
     ----------
-    fitted : the fit. evidence : ln p(data | set). weight : the same with the prior odds of the set.
+    fitted : the fit. evidence : ln p(data | set). weight : with the set's prior odds.
     offset : ``(n,)`` from the fit to the posterior's mode. covariance : ``(n, n)`` of the posterior.
     """
 

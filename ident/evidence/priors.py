@@ -1,4 +1,4 @@
-"""Prior knowledge: of the declared derivatives, of an effect's parameters, and of sets of effects."""
+"""Prior knowledge: of declared derivatives, of an effect's parameters, and of sets of effects."""
 
 from __future__ import annotations
 

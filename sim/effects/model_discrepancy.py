@@ -7,18 +7,22 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext
 from sim.declaration.traits import Traits
+from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.loads import LOADS, SizedOnPorts
 
 
 @dataclass(frozen=True)
 class ModelDiscrepancy(SizedOnPorts):
-    """Each load port has a first-order Gauss-Markov process of standard deviation ``PORT`` and correlation time ``time``.
+    """Each load port has a first-order Gauss-Markov process.
 
-    The model discrepancy of Kennedy and O'Hagan, put where an aircraft's model errs: in its forces and moments.
+    Its standard deviation is the parameter named like the port, its correlation time ``time``.
+
+    It is the model discrepancy of Kennedy and O'Hagan, put where the model of an aircraft errs: in
+    its forces and moments.
     """
 
     units: tuple[str, ...] = ("1", "1")
@@ -65,3 +69,22 @@ class ModelDiscrepancy(SizedOnPorts):
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return ()
+
+
+def discrepancy_for(effects: Sequence[Effect]) -> ModelDiscrepancy | None:
+    """A discrepancy of each load that an unmeasured input can act on; None where none can.
+
+    Parameters
+    ----------
+    effects : those that apply to a vehicle's equations.
+    """
+    loads = [each for each in effects if isinstance(each, UnmeasuredInput) and not each.lasting]
+    if not loads:
+        return None
+    constants = dict.fromkeys(name for load in loads for name in load.needs_constants)
+    return ModelDiscrepancy(
+        tuple(unit for load in loads for unit in load.units),
+        tuple(size for load in loads for size in load.sizes),
+        tuple(constants),
+        tuple(port for load in loads for port in load.ports),
+    )
