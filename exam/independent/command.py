@@ -1,0 +1,183 @@
+"""`python -m exam independent`: fly the 120 flights, have them diagnosed from files alone, and grade the answers."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import csv
+import json
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from argparse import ArgumentParser, Namespace
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from exam.independent.grading import FEW_SIGMAS, Answer, Grade, grade, held_out, sizes
+
+ROOT = Path(__file__).parents[2]
+PATIENCE = 900.0  # s of processor time for one diagnosis
+FIELDS = ("flight", "model", "aircraft", "hidden", "grade", "answer", "sizes", "before", "after", "seconds")
+SIMULATORS, HALVES = ("jsbsim", "own"), ("tuning", "kept")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly, diagnose and grade; 2 with one line where the request makes no sense."""
+    asked = _parser().parse_args(arguments)
+    if asked.score is None and (asked.set is None or asked.simulator is None):
+        print("python -m exam independent: give --set and --simulator, or --score DIR", file=sys.stderr)
+        return 2
+    folders = _existing(asked) if asked.score else _flown(asked)
+    if not folders:
+        print(f"python -m exam independent: no flights in {asked.score or asked.out}; check the folder and --only", file=sys.stderr)
+        return 2
+    if asked.fly_only:
+        return 0
+    answers = (asked.out or asked.score).resolve() / "answers"
+    answers.mkdir(parents=True, exist_ok=True)
+    command = shlex.split(asked.command) if asked.command else [sys.executable, "-m", "scenarios"]
+    rows = []
+    with concurrent.futures.ThreadPoolExecutor(asked.jobs) as pool:
+        for row in pool.map(lambda folder: row_of(folder, answers / folder.name, command), folders):
+            rows.append(row)
+            print(_line(row), flush=True)
+            _write(answers.parent / "flights.csv", rows)
+    print(summary(rows))
+    return 0
+
+
+def _parser() -> ArgumentParser:
+    parser = ArgumentParser(prog="python -m exam independent", description="independent flights, diagnosed from files alone and graded")
+    parser.add_argument("--set", choices=HALVES, help="which half: for whoever tunes, or kept from them")
+    parser.add_argument("--simulator", choices=SIMULATORS)
+    parser.add_argument("--out", type=Path, help="folder for flights and answers; with --score for the answers alone")
+    parser.add_argument("--jobs", type=int, default=1, help="diagnoses at a time")
+    parser.add_argument("--only", help="numbers of flights, with commas")
+    parser.add_argument("--fly-only", action="store_true", help="write the folders and stop")
+    parser.add_argument("--score", type=Path, metavar="DIR", help="grade the flights of a folder; answers already in --out are kept")
+    parser.add_argument("--command", help="the command to examine; else this checkout's")
+    return parser
+
+
+def _wanted(asked: Namespace, number: int) -> bool:
+    return not asked.only or number in {int(each) for each in asked.only.split(",")}
+
+
+def _existing(asked: Namespace) -> list[Path]:
+    found = sorted(path.parent for path in asked.score.glob("[0-9]*/truth.json"))
+    return [folder.resolve() for folder in found if _wanted(asked, int(folder.name))]
+
+
+def _flown(asked: Namespace) -> list[Path]:
+    """Fly one half of one simulator's flights into the folder."""
+    fly: Callable[[int, Path], None]
+    if asked.simulator == "jsbsim":
+        from exam.independent import jsbsim_flights
+
+        fly, count = jsbsim_flights.fly_flight, jsbsim_flights.COUNT
+    else:
+        from exam.independent import own_flights
+
+        fly, count = own_flights.fly_flight, own_flights.COUNT
+    folders = []
+    for number in range(2 if asked.set == "tuning" else 1, count + 1, 2):
+        if _wanted(asked, number):
+            folders.append((asked.out / f"{number:03d}").resolve())
+            fly(number, folders[-1])
+    return folders
+
+
+def diagnosed(folder: Path, study: Path, command: Sequence[str], model: str) -> Answer:
+    """Run `diagnose` in a process of its own on the files of a flight, unless its answer is there already."""
+    kept = study.with_suffix(".json")
+    if not kept.exists():
+        trains = sorted(map(str, folder.glob("train-*.csv")))
+        line = [*command, "diagnose", *trains, "--model", model, "--vehicle", str(folder / "vehicle.toml")]
+        line += ["--validate", str(folder / "validate.csv"), "--no-figures", "--quiet", "--out", str(study)]
+        code, said, seconds = _run(line, study.parent)
+        kept.write_text(json.dumps({"code": code, "said": said, "seconds": seconds}), encoding="utf-8")
+    ended = json.loads(kept.read_text(encoding="utf-8"))
+    written = study / "diagnosis.json"
+    content: dict[str, Any] = json.loads(written.read_text(encoding="utf-8")) if ended["code"] == 0 and written.exists() else {}
+    return Answer(ended["code"], content, ended["said"], ended["seconds"])
+
+
+def _run(line: Sequence[str], where: Path) -> tuple[int, str, float]:
+    """Exit code, end of the error stream and processor seconds of a command; a command that is out of patience is stopped."""
+    paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": paths}
+    begun = time.monotonic()
+    with (where / f"{os.path.basename(line[-1])}.err").open("w+", encoding="utf-8") as errors:
+        process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=errors, env=environment, cwd=where)
+        while True:
+            done, status, usage = os.wait4(process.pid, os.WNOHANG)
+            if done:
+                break
+            if time.monotonic() - begun > 2.0 * PATIENCE:
+                process.send_signal(signal.SIGKILL)
+            time.sleep(0.1)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        errors.seek(0)
+        said = errors.read().strip()[-300:]
+    return process.returncode, said, usage.ru_utime + usage.ru_stime
+
+
+def row_of(folder: Path, study: Path, command: Sequence[str]) -> dict[str, Any]:
+    """Diagnose one flight and hold the answer against its truth file: a row of ``flights.csv``."""
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    answer = diagnosed(folder, study, command, truth["model"])
+    found, why = grade(truth, answer)
+    return {
+        "flight": folder.name,
+        "model": truth["model"],
+        "aircraft": truth["aircraft"],
+        "hidden": " + ".join(truth["hidden"]) or "nothing",
+        "grade": found.value,
+        "answer": why,
+        "sizes": " ".join(f"{distance:.2f}" for distance in sizes(truth, answer)),
+        "before": held_out(folder, study, truth, "before"),
+        "after": held_out(folder, study, truth),
+        "seconds": answer.seconds,
+    }
+
+
+def _line(row: dict[str, Any]) -> str:
+    head = f"{row['flight']} {row['model']:12} {row['hidden']:34.34} {row['grade']:11}"
+    return f"{head} {row['answer']:60.60} {row['before']:5.2f} -> {row['after']:5.2f} {row['seconds']:5.0f} s"
+
+
+def _write(path: Path, rows: Sequence[dict[str, Any]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, FIELDS)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> str:
+    """Grades by planted or clean and by model, sizes within three sigmas, held-out error, processor seconds."""
+    groups: dict[str, Counter[str]] = {}
+    for row in rows:
+        kind = "clean" if row["hidden"] == "nothing" else "planted"
+        for name in (kind, f"{row['model']} {kind}", "all"):
+            groups.setdefault(name, Counter())[row["grade"]] += 1
+    head = f"{'':22}" + "".join(f"{each.value:>12}" for each in Grade)
+    order = sorted(groups, key=lambda name: (name == "all", name in ("clean", "planted"), name))
+    lines = [head, *(f"{name:22}" + "".join(f"{groups[name][each.value]:12d}" for each in Grade) for name in order)]
+    distances = [abs(float(each)) for row in rows for each in row["sizes"].split()]
+    right = [row for row in rows if row["grade"] == Grade.RIGHT.value]
+    after = [row["after"] for row in right if np.isfinite(row["after"])]
+    seconds = [row["seconds"] for row in rows if np.isfinite(row["seconds"])]
+    if distances:
+        held = sum(each <= FEW_SIGMAS for each in distances)
+        lines.append(f"Claimed sizes within {FEW_SIGMAS:.0f} sigmas of the truth: {held} of {len(distances)}")
+    if after:
+        lines.append(f"Held-out error over noise where right: median {np.median(after):.2f}, at most 1.1 in {sum(each <= 1.1 for each in after)} of {len(after)}")
+    if seconds:
+        lines.append(f"Processor seconds: median {np.median(seconds):.1f}, largest {max(seconds):.1f}")
+    return "\n".join(lines)
