@@ -1,6 +1,8 @@
-"""Causes that are planted into true signals, with the names that say them; written from their definitions in words.
+"""Causes that are planted into true signals, with the names that say them; written from their
+definitions in words.
 
-They act on signals by channel name on a fine grid, before filters, sampling and noise, whatever simulator made them.
+They act on signals by channel name on a fine grid, before filters, sampling and noise, whatever
+simulator made them.
 A positive delay or lag is late, a positive arm is ahead of the centre of gravity.
 """
 
@@ -19,7 +21,8 @@ Plant = Callable[[Signals, float], Signals]  # signals and the fine step (s) -> 
 
 @dataclass(frozen=True)
 class Scales:
-    """Sizes that causes are drawn in proportion to: chord or span over three (m), and the time of the fast mode, 1/omega (s)."""
+    """Sizes that causes are drawn in proportion to: chord or span over three (m), and the time
+    of the fast mode, 1/omega (s)."""
 
     length: float
     time: float
@@ -34,13 +37,15 @@ class Cause:
 
 
 def shifted(values: np.ndarray, step: float, delay: float) -> np.ndarray:
-    """The signal ``delay`` s late (early where negative), by linear interpolation; its ends repeat."""
+    """The signal ``delay`` s late (early where negative), by linear interpolation; its ends
+    repeat."""
     time = step * np.arange(len(values))
     return np.interp(time - delay, time, values)
 
 
 def lagged(values: np.ndarray, step: float, lag: float) -> np.ndarray:
-    """First-order lag of ``lag`` s, exact for values that run straight between grid points, at rest at the first."""
+    """First-order lag of ``lag`` s, exact for values that run straight between grid points, at
+    rest at the first."""
     keep = np.exp(-step / lag)
     out = np.empty_like(values)
     out[0], behind = values[0], 0.0
@@ -80,7 +85,9 @@ def late_sensor(channel: str, scales: Scales, rng: np.random.Generator) -> Cause
     delay = float(rng.uniform(0.1, 0.25)) * min(scales.time, 0.4)
     delay = max(delay, 0.02)
     values = {f"sensor-delay:{channel}": {"delay": delay}}
-    planted = Planted(f"late {channel}", _late_names(channel), _NEAR_LATE.get(channel, ()), (channel,), values)
+    planted = Planted(
+        f"late {channel}", _late_names(channel), _NEAR_LATE.get(channel, ()), (channel,), values
+    )
     return Cause(planted, _on(channel, lambda v, step: shifted(v, step, delay)))
 
 
@@ -88,7 +95,9 @@ def lagging_sensor(channel: str, scales: Scales, rng: np.random.Generator) -> Ca
     """A sensor that follows with a first-order lag."""
     lag = max(float(rng.uniform(0.12, 0.3)) * min(scales.time, 0.4), 0.03)
     values = {f"sensor-lag:{channel}": {"time_constant": lag}}
-    planted = Planted(f"lagging {channel}", _late_names(channel), _NEAR_LATE.get(channel, ()), (channel,), values)
+    planted = Planted(
+        f"lagging {channel}", _late_names(channel), _NEAR_LATE.get(channel, ()), (channel,), values
+    )
     return Cause(planted, _on(channel, lambda v, step: lagged(v, step, lag)))
 
 
@@ -111,10 +120,15 @@ def drifting(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
 
 def zero_step(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
     """A zero that jumps by 4 to 10 noise sigmas, at the same share of every record."""
-    size, share = float(rng.uniform(4.0, 10.0) * rng.choice([-1.0, 1.0])) * SIGMA[channel], float(rng.uniform(0.3, 0.7))
+    size, share = (
+        float(rng.uniform(4.0, 10.0) * rng.choice([-1.0, 1.0])) * SIGMA[channel],
+        float(rng.uniform(0.3, 0.7)),
+    )
     name = f"sensor-step:{channel}"
     planted = Planted(f"zero step of {channel}", (name,), (), (channel,), {name: {"size": size}})
-    return Cause(planted, _on(channel, lambda v, step: v + size * (np.arange(len(v)) >= share * len(v))))
+    return Cause(
+        planted, _on(channel, lambda v, step: v + size * (np.arange(len(v)) >= share * len(v)))
+    )
 
 
 def held(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
@@ -126,7 +140,9 @@ def held(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
         time = step * np.arange(len(values))
         return np.interp(np.floor(time / period + 1e-9) * period, time, values)
 
-    planted = Planted(f"held {channel}", (name,), _late_names(channel), (channel,), {name: {"period": period}})
+    planted = Planted(
+        f"held {channel}", (name,), _late_names(channel), (channel,), {name: {"period": period}}
+    )
     return Cause(planted, _on(channel, act))
 
 
@@ -134,7 +150,9 @@ def curved(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
     """A calibration curve: 15 to 40 % off at 4 degrees from the start."""
     curvature = float(rng.uniform(0.15, 0.4) * rng.choice([-1.0, 1.0])) / float(np.radians(4.0))
     name = f"sensor-curve:{channel}"
-    planted = Planted(f"curved {channel}", (name,), (), (channel,), {name: {"curvature": curvature}})
+    planted = Planted(
+        f"curved {channel}", (name,), (), (channel,), {name: {"curvature": curvature}}
+    )
     return Cause(planted, _on(channel, lambda v, step: v + curvature * (v - v[0]) ** 2))
 
 
@@ -149,8 +167,20 @@ def boom(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
         across = across + (-arm if channel == "alpha" else arm) * signals[about]
         return {**signals, channel: np.arctan2(across, along)}
 
-    near = (*_late_names(channel), "accelerometer-offset:nz" if channel == "alpha" else "accelerometer-offset:ny")
-    return Cause(Planted(f"{channel} vane ahead", ("vane-offset",), near, (channel,), {"vane-offset": {"arm": arm}}), plant)
+    near = (
+        *_late_names(channel),
+        "accelerometer-offset:nz" if channel == "alpha" else "accelerometer-offset:ny",
+    )
+    return Cause(
+        Planted(
+            f"{channel} vane ahead",
+            ("vane-offset",),
+            near,
+            (channel,),
+            {"vane-offset": {"arm": arm}},
+        ),
+        plant,
+    )
 
 
 def accelerometer_ahead(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
@@ -162,14 +192,26 @@ def accelerometer_ahead(channel: str, scales: Scales, rng: np.random.Generator) 
     def plant(signals: Signals, step: float) -> Signals:
         return {**signals, channel: signals[channel] + arm / G0 * np.gradient(signals[about], step)}
 
-    planted = Planted(f"{channel} accelerometer off the c.g.", (name,), ("vane-offset", *_late_names(channel)), (channel,), {name: {"arm": arm}})
+    planted = Planted(
+        f"{channel} accelerometer off the c.g.",
+        (name,),
+        ("vane-offset", *_late_names(channel)),
+        (channel,),
+        {name: {"arm": arm}},
+    )
     return Cause(planted, plant)
 
 
 def recorded_late(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
     """The record shows the input late."""
     delay = float(rng.uniform(0.04, 0.1))
-    planted = Planted(f"{channel} recorded late", _inputs("input-recorded-late", channel), (), (channel,), _valued("input-recorded-late", channel, "delay", delay))
+    planted = Planted(
+        f"{channel} recorded late",
+        _inputs("input-recorded-late", channel),
+        (),
+        (channel,),
+        _valued("input-recorded-late", channel, "delay", delay),
+    )
     return Cause(planted, _on(channel, lambda v, step: shifted(v, step, delay)))
 
 
@@ -177,12 +219,19 @@ def follows_late(channel: str, scales: Scales, rng: np.random.Generator) -> Caus
     """The surface follows the recorded input late."""
     delay = float(rng.uniform(0.04, 0.1))
     near = (*_inputs("actuator-lag", channel), *_inputs("actuator-second-order", channel))
-    planted = Planted(f"{channel} follows late", _inputs("input-delay", channel), near, (channel,), _valued("input-delay", channel, "delay", delay))
+    planted = Planted(
+        f"{channel} follows late",
+        _inputs("input-delay", channel),
+        near,
+        (channel,),
+        _valued("input-delay", channel, "delay", delay),
+    )
     return Cause(planted, _on(channel, lambda v, step: shifted(v, step, -delay)))
 
 
 def _inputs(name: str, channel: str) -> tuple[str, ...]:
-    """An effect of an input, with and without the input's name: a model with one input has the plain name."""
+    """An effect of an input, with and without the input's name: a model with one input has the
+    plain name."""
     return (name, f"{name}:{channel}")
 
 
@@ -197,21 +246,36 @@ def feels_load(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
     def plant(signals: Signals, step: float) -> Signals:
         return {**signals, "q": signals["q"] + gain * (signals["nz"] - signals["nz"][0])}
 
-    planted = Planted("q feels nz", ("sensor-coupling:q",), ("sensor-scale:nz",), ("q",), {"sensor-coupling:q": {"gain": gain}})
+    planted = Planted(
+        "q feels nz",
+        ("sensor-coupling:q",),
+        ("sensor-scale:nz",),
+        ("q",),
+        {"sensor-coupling:q": {"gain": gain}},
+    )
     return Cause(planted, plant)
 
 
 def cross_axis(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
-    """A yaw gyro that is turned a few degrees towards the roll axis: no effect of the library says it."""
+    """A yaw gyro that is turned a few degrees towards the roll axis: no effect of the library
+    says it."""
     share = float(rng.uniform(0.05, 0.12) * rng.choice([-1.0, 1.0]))
     planted = Planted("p into r", (), (), ("r",), {})
-    return Cause(planted, lambda signals, step: {**signals, "r": signals["r"] + share * signals["p"]})
+    return Cause(
+        planted, lambda signals, step: {**signals, "r": signals["r"] + share * signals["p"]}
+    )
 
 
 def vane_with_play(channel: str, scales: Scales, rng: np.random.Generator) -> Cause:
     """A vane with play in its bearing: no effect of the library says it."""
     width = float(np.radians(rng.uniform(0.25, 0.5)))
-    planted = Planted(f"play of the {channel} vane", (), (*_late_names(channel), f"sensor-curve:{channel}", "vane-offset"), (channel,), {})
+    planted = Planted(
+        f"play of the {channel} vane",
+        (),
+        (*_late_names(channel), f"sensor-curve:{channel}", "vane-offset"),
+        (channel,),
+        {},
+    )
     return Cause(planted, _on(channel, lambda v, step: with_play(v, width)))
 
 
@@ -219,4 +283,6 @@ def gyro_threshold(channel: str, scales: Scales, rng: np.random.Generator) -> Ca
     """A gyro that does not move below a threshold: no effect of the library says it."""
     width = float(np.radians(rng.uniform(0.4, 0.9)))
     planted = Planted(f"threshold of {channel}", (), (f"sensor-curve:{channel}",), (channel,), {})
-    return Cause(planted, _on(channel, lambda v, step: np.sign(v) * np.maximum(np.abs(v) - width, 0.0)))
+    return Cause(
+        planted, _on(channel, lambda v, step: np.sign(v) * np.maximum(np.abs(v) - width, 0.0))
+    )

@@ -1,4 +1,5 @@
-"""`python -m exam independent`: fly the 120 flights, have them diagnosed from files alone, and grade the answers."""
+"""`python -m exam independent`: fly the 120 flights, have them diagnosed from files alone, and
+grade the answers."""
 
 from __future__ import annotations
 
@@ -19,27 +20,53 @@ from typing import Any
 
 import numpy as np
 
-from exam.independent.grading import FEW_SIGMAS, Answer, Grade, grade, held_out, sizes
+from exam.independent.grading import FEW_SIGMAS, Answer, Grade, grade, held_out, predictable, sizes
+from exam.scoring import share_of_flights
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 900.0  # s of processor time for one diagnosis
-FIELDS = ("flight", "model", "aircraft", "hidden", "grade", "answer", "sizes", "before", "after", "seconds")
+FIELDS = (
+    "flight",
+    "model",
+    "aircraft",
+    "hidden",
+    "grade",
+    "answer",
+    "sizes",
+    "before",
+    "after",
+    "predictable",
+    "seconds",
+)
+NOTHING = "nothing"  # what is hidden in a clean flight
+MOST_ERROR = 1.1  # of the noise, on the held-out record
 SIMULATORS, HALVES = ("jsbsim", "own"), ("tuning", "kept")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly, diagnose and grade; 2 with one line where the request makes no sense."""
     asked = _parser().parse_args(arguments)
-    if asked.score is None and (asked.set is None or asked.simulator is None):
-        print("python -m exam independent: give --set and --simulator, or --score DIR", file=sys.stderr)
+    if asked.out is None or (asked.score is None and None in (asked.set, asked.simulator)):
+        remedy = "give --out with --set and --simulator, or with --score DIR"
+        print(f"python -m exam independent: not enough is said; {remedy}", file=sys.stderr)
+        return 2
+    if asked.only and not all(each.strip().isdigit() for each in asked.only.split(",")):
+        print(
+            f"python -m exam independent: --only {asked.only}: give numbers with commas",
+            file=sys.stderr,
+        )
         return 2
     folders = _existing(asked) if asked.score else _flown(asked)
     if not folders:
-        print(f"python -m exam independent: no flights in {asked.score or asked.out}; check the folder and --only", file=sys.stderr)
+        where = asked.score or asked.out
+        print(
+            f"python -m exam independent: no flights in {where}; check the folder and --only",
+            file=sys.stderr,
+        )
         return 2
     if asked.fly_only:
         return 0
-    answers = (asked.out or asked.score).resolve() / "answers"
+    answers = asked.out.resolve() / "answers"
     answers.mkdir(parents=True, exist_ok=True)
     command = shlex.split(asked.command) if asked.command else [sys.executable, "-m", "scenarios"]
     rows = []
@@ -53,14 +80,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> ArgumentParser:
-    parser = ArgumentParser(prog="python -m exam independent", description="independent flights, diagnosed from files alone and graded")
-    parser.add_argument("--set", choices=HALVES, help="which half: for whoever tunes, or kept from them")
+    parser = ArgumentParser(
+        prog="python -m exam independent",
+        description="independent flights, diagnosed from files alone and graded",
+    )
+    parser.add_argument(
+        "--set", choices=HALVES, help="which half: for whoever tunes, or kept from them"
+    )
     parser.add_argument("--simulator", choices=SIMULATORS)
-    parser.add_argument("--out", type=Path, help="folder for flights and answers; with --score for the answers alone")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        help="folder for flights and answers; with --score for the answers alone",
+    )
     parser.add_argument("--jobs", type=int, default=1, help="diagnoses at a time")
     parser.add_argument("--only", help="numbers of flights, with commas")
     parser.add_argument("--fly-only", action="store_true", help="write the folders and stop")
-    parser.add_argument("--score", type=Path, metavar="DIR", help="grade the flights of a folder; answers already in --out are kept")
+    parser.add_argument(
+        "--score",
+        type=Path,
+        metavar="DIR",
+        help="grade the flights of a folder; answers already in --out are kept",
+    )
     parser.add_argument("--command", help="the command to examine; else this checkout's")
     return parser
 
@@ -94,27 +135,57 @@ def _flown(asked: Namespace) -> list[Path]:
 
 
 def diagnosed(folder: Path, study: Path, command: Sequence[str], model: str) -> Answer:
-    """Run `diagnose` in a process of its own on the files of a flight, unless its answer is there already."""
+    """Run `diagnose` in a process of its own on the files of a flight, unless its answer is
+    there already."""
     kept = study.with_suffix(".json")
     if not kept.exists():
         trains = sorted(map(str, folder.glob("train-*.csv")))
-        line = [*command, "diagnose", *trains, "--model", model, "--vehicle", str(folder / "vehicle.toml")]
-        line += ["--validate", str(folder / "validate.csv"), "--no-figures", "--quiet", "--out", str(study)]
+        line = [
+            *command,
+            "diagnose",
+            *trains,
+            "--model",
+            model,
+            "--vehicle",
+            str(folder / "vehicle.toml"),
+        ]
+        line += [
+            "--validate",
+            str(folder / "validate.csv"),
+            "--no-figures",
+            "--quiet",
+            "--out",
+            str(study),
+        ]
         code, said, seconds = _run(line, study.parent)
-        kept.write_text(json.dumps({"code": code, "said": said, "seconds": seconds}), encoding="utf-8")
+        kept.write_text(
+            json.dumps({"code": code, "said": said, "seconds": seconds}), encoding="utf-8"
+        )
     ended = json.loads(kept.read_text(encoding="utf-8"))
     written = study / "diagnosis.json"
-    content: dict[str, Any] = json.loads(written.read_text(encoding="utf-8")) if ended["code"] == 0 and written.exists() else {}
+    content: dict[str, Any] = (
+        json.loads(written.read_text(encoding="utf-8"))
+        if ended["code"] == 0 and written.exists()
+        else {}
+    )
     return Answer(ended["code"], content, ended["said"], ended["seconds"])
 
 
 def _run(line: Sequence[str], where: Path) -> tuple[int, str, float]:
-    """Exit code, end of the error stream and processor seconds of a command; a command that is out of patience is stopped."""
+    """Exit code, end of the error stream and processor seconds of a command; a command that is
+    out of patience is stopped."""
     paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": paths}
+    environment = {
+        **os.environ,
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+        "PYTHONPATH": paths,
+    }
     begun = time.monotonic()
     with (where / f"{os.path.basename(line[-1])}.err").open("w+", encoding="utf-8") as errors:
-        process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=errors, env=environment, cwd=where)
+        process = subprocess.Popen(
+            line, stdout=subprocess.DEVNULL, stderr=errors, env=environment, cwd=where
+        )
         while True:
             done, status, usage = os.wait4(process.pid, os.WNOHANG)
             if done:
@@ -137,19 +208,21 @@ def row_of(folder: Path, study: Path, command: Sequence[str]) -> dict[str, Any]:
         "flight": folder.name,
         "model": truth["model"],
         "aircraft": truth["aircraft"],
-        "hidden": " + ".join(truth["hidden"]) or "nothing",
+        "hidden": " + ".join(truth["hidden"]) or NOTHING,
         "grade": found.value,
         "answer": why,
         "sizes": " ".join(f"{distance:.2f}" for distance in sizes(truth, answer)),
         "before": held_out(folder, study, truth, "before"),
         "after": held_out(folder, study, truth),
+        "predictable": predictable(truth),
         "seconds": answer.seconds,
     }
 
 
 def _line(row: dict[str, Any]) -> str:
     head = f"{row['flight']} {row['model']:12} {row['hidden']:34.34} {row['grade']:11}"
-    return f"{head} {row['answer']:60.60} {row['before']:5.2f} -> {row['after']:5.2f} {row['seconds']:5.0f} s"
+    error = f"{row['before']:5.2f} -> {row['after']:5.2f}"
+    return f"{head} {row['answer']:60.60} {error} {row['seconds']:5.0f} s"
 
 
 def _write(path: Path, rows: Sequence[dict[str, Any]]) -> None:
@@ -160,24 +233,61 @@ def _write(path: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:
-    """Grades by planted or clean and by model, sizes within three sigmas, held-out error, processor seconds."""
+    """Grades by model, shares with exact intervals, sizes within three sigmas, held-out error,
+    processor seconds."""
     groups: dict[str, Counter[str]] = {}
     for row in rows:
-        kind = "clean" if row["hidden"] == "nothing" else "planted"
-        for name in (kind, f"{row['model']} {kind}", "all"):
+        for name in (f"{row['model']} {'clean' if _clean(row) else 'planted'}", "all"):
             groups.setdefault(name, Counter())[row["grade"]] += 1
     head = f"{'':22}" + "".join(f"{each.value:>12}" for each in Grade)
-    order = sorted(groups, key=lambda name: (name == "all", name in ("clean", "planted"), name))
-    lines = [head, *(f"{name:22}" + "".join(f"{groups[name][each.value]:12d}" for each in Grade) for name in order)]
+    order = sorted(groups, key=lambda name: (name == "all", name))
+    lines = [
+        head,
+        *(
+            f"{name:22}" + "".join(f"{groups[name][each.value]:12d}" for each in Grade)
+            for name in order
+        ),
+    ]
+    unexplained = Grade.ALARM.value
+    lines += [
+        _share("Right", [row["grade"] == Grade.RIGHT.value for row in rows]),
+        _share(
+            "Right where a cause is planted",
+            [row["grade"] == Grade.RIGHT.value for row in rows if not _clean(row)],
+        ),
+        _share("Wrong names", [row["grade"] == Grade.WRONG.value for row in rows]),
+        _share(
+            "False alarms among clean flights",
+            [row["grade"] == unexplained for row in rows if _clean(row)],
+        ),
+    ]
     distances = [abs(float(each)) for row in rows for each in row["sizes"].split()]
-    right = [row for row in rows if row["grade"] == Grade.RIGHT.value]
-    after = [row["after"] for row in right if np.isfinite(row["after"])]
+    lines.append(
+        _share(
+            f"Claimed sizes within {FEW_SIGMAS:.0f} sigmas",
+            [each <= FEW_SIGMAS for each in distances],
+        )
+    )
+    within = [row["after"] <= MOST_ERROR for row in rows if row["predictable"] and not _clean(row)]
+    lines.append(
+        _share(f"Held-out error at most {MOST_ERROR} times the noise, cause in the library", within)
+    )
     seconds = [row["seconds"] for row in rows if np.isfinite(row["seconds"])]
-    if distances:
-        held = sum(each <= FEW_SIGMAS for each in distances)
-        lines.append(f"Claimed sizes within {FEW_SIGMAS:.0f} sigmas of the truth: {held} of {len(distances)}")
-    if after:
-        lines.append(f"Held-out error over noise where right: median {np.median(after):.2f}, at most 1.1 in {sum(each <= 1.1 for each in after)} of {len(after)}")
     if seconds:
-        lines.append(f"Processor seconds: median {np.median(seconds):.1f}, largest {max(seconds):.1f}")
+        lines.append(
+            f"Processor seconds: median {np.median(seconds):.1f}, largest {max(seconds):.1f}"
+        )
     return "\n".join(lines)
+
+
+def _clean(row: dict[str, Any]) -> bool:
+    return bool(row["hidden"] == NOTHING)
+
+
+def _share(what: str, hits: Sequence[bool]) -> str:
+    if not hits:
+        return f"{what}: none to count"
+    share = share_of_flights(hits)
+    low, high = share.interval
+    percent = f"{100 * share.count / share.of:.0f} %, {100 * low:.0f} to {100 * high:.0f} %"
+    return f"{what}: {share.count} of {share.of} ({percent})"

@@ -1,4 +1,5 @@
-"""From true signals on a fine grid to a folder: filters, sampling, noise, quantisation, CSV files, vehicle file and truth."""
+"""From true signals on a fine grid to a folder: filters, sampling, noise, quantisation, CSV
+files, vehicle file and truth."""
 
 from __future__ import annotations
 
@@ -31,7 +32,8 @@ STEPS_PER_SIGMA = 4.0  # least bits of the recorder in a standard deviation
 
 @dataclass(frozen=True)
 class Recorder:
-    """How signals are recorded: samples/s, cut-off of the filter of all channels (Hz, or None), noise against `SIGMA`."""
+    """How signals are recorded: samples/s, cut-off of the filter of all channels (Hz, or None),
+    noise against `SIGMA`."""
 
     rate: float
     cutoff: float | None
@@ -71,7 +73,8 @@ def filtered(values: np.ndarray, step: float, cutoff: float | None) -> np.ndarra
 def recorded(
     signals: Signals, step: float, inputs: Sequence[str], how: Recorder, rng: np.random.Generator
 ) -> tuple[np.ndarray, Signals, dict[str, float]]:
-    """Sample times, columns, and the standard deviation of what noise and least bits added to each output.
+    """Sample times, columns, and the standard deviation of what noise and least bits added to
+    each output.
 
     Inputs pass the same filter as outputs and have no noise.
     """
@@ -112,7 +115,10 @@ def write_record(path: Path, time: np.ndarray, columns: Signals) -> None:
 def wrong_starts(derivatives: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
     """Derivatives 10 to 30 % off, up or down."""
     share = rng.uniform(0.1, 0.3, len(derivatives)) * rng.choice([-1.0, 1.0], len(derivatives))
-    return {name: value * (1.0 + float(off)) for (name, value), off in zip(derivatives.items(), share, strict=True)}
+    return {
+        name: value * (1.0 + float(off))
+        for (name, value), off in zip(derivatives.items(), share, strict=True)
+    }
 
 
 def write_folder(
@@ -122,14 +128,18 @@ def write_folder(
     starts: Mapping[str, float],
     truth: Mapping[str, Any],
 ) -> None:
-    """``train-1.csv`` and on, the last record as ``validate.csv``, ``vehicle.toml``, and ``truth.json`` for the examiner alone."""
+    """``train-1.csv`` and on, the last record as ``validate.csv``, ``vehicle.toml``, and
+    ``truth.json`` for the examiner alone."""
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("train-*.csv"):
         old.unlink()
     for number, (time, columns, _) in enumerate(records, start=1):
         last = number == len(records)
         write_record(folder / ("validate.csv" if last else f"train-{number}.csv"), time, columns)
-    lines = [f"{name} = {json.dumps(value) if isinstance(value, str) else format(value, '.8g')}" for name, value in vehicle.items()]
+    lines = [
+        f"{name} = {json.dumps(value) if isinstance(value, str) else format(value, '.8g')}"
+        for name, value in vehicle.items()
+    ]
     lines += ["", "[derivatives]", *(f"{name} = {value:.5g}" for name, value in starts.items()), ""]
     (folder / "vehicle.toml").write_text("\n".join(lines), encoding="utf-8")
     whole = {**truth, "sigma": records[-1][2]}
@@ -149,7 +159,10 @@ def truth_of(
         "model": model,
         "aircraft": aircraft,
         "hidden": [cause.kind for cause in causes],
-        "accepted": [{"right": list(cause.right), "near": list(cause.near), "words": list(cause.words)} for cause in causes],
+        "accepted": [
+            {"right": list(cause.right), "near": list(cause.near), "words": list(cause.words)}
+            for cause in causes
+        ],
         "harmless": sorted(harmless),
         "values": {name: dict(values) for cause in causes for name, values in cause.values.items()},
         "derivatives": dict(derivatives),

@@ -29,7 +29,8 @@ class Grade(Enum):
 
 @dataclass(frozen=True)
 class Answer:
-    """How `diagnose` ended: exit code, content of ``diagnosis.json`` (empty where none), the end of its error stream, processor seconds."""
+    """How `diagnose` ended: exit code, content of ``diagnosis.json`` (empty where none), the
+    end of its error stream, processor seconds."""
 
     code: int
     content: Mapping[str, Any]
@@ -43,26 +44,36 @@ class Answer:
 
     def warned_of(self, words: Sequence[str]) -> bool:
         """Whether a warning or a finding about the record has one of the words."""
-        texts = [*self.content.get("warnings", []), *self.content.get("record", {}).get("findings", [])]
+        texts = [
+            *self.content.get("warnings", []),
+            *self.content.get("record", {}).get("findings", []),
+        ]
         forms = [re.compile(rf"\b{re.escape(word)}\b", re.IGNORECASE) for word in words]
         return any(form.search(str(text)) for text in texts for form in forms)
 
 
 def alternatives(claim: Mapping[str, Any]) -> set[str]:
     """Names that a claim gives as alternatives."""
-    return {str(other["name"] if isinstance(other, Mapping) else other) for other in claim.get("alternatives", [])}
+    return {
+        str(other["name"] if isinstance(other, Mapping) else other)
+        for other in claim.get("alternatives", [])
+    }
 
 
 def says(claim: Mapping[str, Any], cause: Mapping[str, Sequence[str]]) -> bool:
-    """Whether a claim names a cause: by a right name, or by a near one with a right one among its alternatives."""
+    """Whether a claim names a cause: by a right name, or by a near one with a right one among
+    its alternatives."""
     right = set(cause["right"])
-    return claim["name"] in right or (claim["name"] in cause["near"] and bool(alternatives(claim) & right))
+    return claim["name"] in right or (
+        claim["name"] in cause["near"] and bool(alternatives(claim) & right)
+    )
 
 
 def grade(truth: Mapping[str, Any], answer: Answer) -> tuple[Grade, str]:
     """The grade of an answer and what it said.
 
-    A cause outside the library (no right name) is told right by ``unexplained``, or by one of its near
+    A cause outside the library (no right name) is told right by ``unexplained``, or by one of
+    its near
     names. A claim that names no cause and is not harmless is a wrong name, whatever is claimed in
     addition to it. A flight with nothing planted is right without claims and without alarm.
     """
@@ -79,7 +90,7 @@ def grade(truth: Mapping[str, Any], answer: Answer) -> tuple[Grade, str]:
     if any(not any(says(claim, cause) for cause in known) for claim in strange):
         return Grade.WRONG, why
     if not causes:
-        quiet = verdict == "consistent" or (bool(claims) and verdict in ("traced", "partial"))
+        quiet = verdict == "consistent" or (bool(claims) and verdict != "unexplained")
         return (Grade.RIGHT if quiet else Grade.ALARM), why
     named = [any(says(claim, cause) for claim in claims) for cause in known]
     seen = verdict in ("unexplained", "partial", "ambiguous")
@@ -91,8 +102,17 @@ def grade(truth: Mapping[str, Any], answer: Answer) -> tuple[Grade, str]:
     return (Grade.NOTICED if noticed else Grade.MISSED), why
 
 
+def predictable(truth: Mapping[str, Any]) -> bool:
+    """Whether the library has every cause and a free simulation can reach the noise: turbulence
+    recurs otherwise."""
+    return all(
+        cause["right"] and "gust-turbulence" not in cause["right"] for cause in truth["accepted"]
+    )
+
+
 def sizes(truth: Mapping[str, Any], answer: Answer) -> list[float]:
-    """Distances of claimed sizes from the true ones, in their own standard deviations, where the claim is a planted one."""
+    """Distances of claimed sizes from the true ones, in their own standard deviations, where
+    the claim is a planted one."""
     distances = []
     for claim in answer.claims:
         for parameter, true in truth["values"].get(claim["name"], {}).items():
@@ -110,7 +130,8 @@ def _columns(path: Path) -> dict[str, np.ndarray]:
 
 
 def held_out(folder: Path, study: Path, truth: Mapping[str, Any], when: str = "after") -> float:
-    """Root mean square error on the held-out record over the noise, of the worst channel; NaN where nothing is predicted."""
+    """Root mean square error on the held-out record over the noise, of the worst channel; NaN
+    where nothing is predicted."""
     written = study / "validate_prediction.csv"
     if not written.exists():
         return float("nan")

@@ -1,7 +1,10 @@
-"""The second simulator: six degrees of freedom over a flat Earth, nonlinear, Runge-Kutta of fourth order.
+"""The second simulator: six degrees of freedom over a flat Earth, nonlinear, Runge-Kutta of
+fourth order.
 
-Body axes x forward, y right, z down; Euler angles; air-relative velocity for the aerodynamics, so that
-gusts act through them (Etkin and Reid, Dynamics of Flight, 3rd ed., chapter 4). It shares no code with
+Body axes x forward, y right, z down; Euler angles; air-relative velocity for the aerodynamics,
+so that
+gusts act through them (Etkin and Reid, Dynamics of Flight, 3rd ed., chapter 4). It shares no
+code with
 `sim` or `ident`. Inner loops run on plain floats, which is faster than arrays of a few numbers.
 """
 
@@ -25,7 +28,8 @@ Linkage = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Trim:
-    """Level unaccelerated flight without bank: attitude, surfaces (rad), thrust (N, or a propeller's pressure rise)."""
+    """Level unaccelerated flight without bank: attitude, surfaces (rad), thrust (N, or a
+    propeller's pressure rise)."""
 
     alpha: float
     beta: float
@@ -43,7 +47,8 @@ class Trim:
 
 @dataclass(frozen=True)
 class Loops:
-    """Feedback to the surfaces' commands: pitch rate (s), attitude (rad/rad), yaw rate (s), and the hand on the wings (rad/rad, s)."""
+    """Feedback to the surfaces' commands: pitch rate (s), attitude (rad/rad), yaw rate (s), and
+    the hand on the wings (rad/rad, s)."""
 
     pitch_rate: float = 0.0
     attitude: float = 0.0
@@ -58,12 +63,16 @@ class Hidden:
 
     Parameters
     ----------
-    linkage : for each surface, what lies between its recorded angle and the angle in the air, about trim.
+    linkage : for each surface, what lies between its recorded angle and the angle in the air,
+        about trim.
     jump : time (s), surface and factor of its effect about trim from then on.
     gust : wind components along body axes (m/s, three arrays on the fine grid), or none.
-    pulse : start and length (s) of a thrust change (N), and the engine's distance right of the centre line (m).
-    lag : share of the lift (or of the yawing moment by sideslip) that follows late, and its time constant (s).
-    stall : upper and lower angle of attack (rad, about trim) between which separated flow persists, lost lift coefficient.
+    pulse : start and length (s) of a thrust change (N), and the engine's distance right of the
+        centre line (m).
+    lag : share of the lift (or of the yawing moment by sideslip) that follows late, and its
+        time constant (s).
+    stall : upper and lower angle of attack (rad, about trim) between which separated flow
+        persists, lost lift coefficient.
     """
 
     linkage: Mapping[str, Callable[[float], float]] = field(default_factory=dict)
@@ -75,34 +84,61 @@ class Hidden:
     lateral: bool = False
 
 
-def loads(plane: Airplane, air: tuple[float, float, float], rates: Sequence[float], surfaces: Sequence[float], rise: float) -> tuple[Six, float, float, float]:
-    """Coefficients, dynamic pressure over density, alpha and beta for a velocity against the air (m/s) and body rates (rad/s)."""
+def loads(
+    plane: Airplane,
+    air: tuple[float, float, float],
+    rates: Sequence[float],
+    surfaces: Sequence[float],
+    rise: float,
+) -> tuple[Six, float, float, float]:
+    """Coefficients, dynamic pressure over density, alpha and beta for a velocity against the
+    air (m/s) and body rates (rad/s)."""
     u, v, w = air
     speed = math.sqrt(u * u + v * v + w * w)
     alpha, beta = math.atan2(w, u), math.asin(v / speed)
     half_span, half_chord = plane.span / (2.0 * speed), plane.chord / (2.0 * speed)
     p, q, r = rates
-    found = plane.coefficients(alpha, beta, p * half_span, q * half_chord, r * half_span, *surfaces, rise)
+    found = plane.coefficients(
+        alpha, beta, p * half_span, q * half_chord, r * half_span, *surfaces, rise
+    )
     return found, 0.5 * speed * speed, alpha, beta
 
 
 def accelerations(
-    plane: Airplane, state: Sequence[float], surfaces: Sequence[float], power: float, wind: Sequence[float] = (0.0, 0.0, 0.0), added: Sequence[float] = (0.0,) * 6
+    plane: Airplane,
+    state: Sequence[float],
+    surfaces: Sequence[float],
+    power: float,
+    wind: Sequence[float] = (0.0, 0.0, 0.0),
+    added: Sequence[float] = (0.0,) * 6,
 ) -> tuple[list[float], tuple[float, float, float]]:
-    """Rates of u, v, w, p, q, r, phi, theta, psi and height, and the specific force without weight (m/s2) along body axes.
+    """Rates of u, v, w, p, q, r, phi, theta, psi and height, and the specific force without
+    weight (m/s2) along body axes.
 
-    ``power`` is thrust in N, or the propeller's pressure rise; ``added`` are coefficients on top of the airplane's.
+    ``power`` is thrust in N, or the propeller's pressure rise; ``added`` are coefficients on
+    top of the airplane's.
     """
     u, v, w, p, q, r, phi, theta, _, height = state
     thrust, rise = (0.0, power) if plane.propeller else (power, 0.0)
-    six, pressure, _, _ = loads(plane, (u - wind[0], v - wind[1], w - wind[2]), (p, q, r), surfaces, rise)
+    six, pressure, _, _ = loads(
+        plane, (u - wind[0], v - wind[1], w - wind[2]), (p, q, r), surfaces, rise
+    )
     force = plane.density * math.exp(-height / SCALE_HEIGHT) * pressure * plane.area
     cx, cy, cz, cl, cm, cn = (one + more for one, more in zip(six, added, strict=True))
-    ax, ay, az = (force * cx + thrust) / plane.mass, force * cy / plane.mass, force * cz / plane.mass
+    ax, ay, az = (
+        (force * cx + thrust) / plane.mass,
+        force * cy / plane.mass,
+        force * cz / plane.mass,
+    )
     roll, yaw = force * plane.span * cl, force * plane.span * cn
     pitch = force * plane.chord * cm + thrust * plane.thrust_arm
     ixx, iyy, izz, ixz = plane.inertia
-    sin_phi, cos_phi, sin_theta, cos_theta = math.sin(phi), math.cos(phi), math.sin(theta), math.cos(theta)
+    sin_phi, cos_phi, sin_theta, cos_theta = (
+        math.sin(phi),
+        math.cos(phi),
+        math.sin(theta),
+        math.cos(theta),
+    )
     roll += ixz * p * q - (izz - iyy) * q * r
     yaw += -ixz * q * r - (iyy - ixx) * p * q
     pitch += (izz - ixx) * p * r - ixz * (p * p - r * r)
@@ -130,19 +166,26 @@ def start_of(plane: Airplane, trim: Trim) -> list[float]:
 
 
 def trimmed(plane: Airplane) -> Trim:
-    """Level flight at the airplane's airspeed by Newton's method; RuntimeError where it finds none."""
+    """Level flight at the airplane's airspeed by Newton's method; RuntimeError where it finds
+    none."""
 
     def trim_of(x: np.ndarray) -> Trim:
         alpha, beta, de, da, dr, power = map(float, x)
-        return Trim(alpha, beta, de, da, dr, power * (1.0 if plane.propeller else plane.mass * G0), alpha)
+        return Trim(
+            alpha, beta, de, da, dr, power * (1.0 if plane.propeller else plane.mass * G0), alpha
+        )
 
     def unbalanced(x: np.ndarray) -> np.ndarray:
         trim = trim_of(x)
-        return np.array(accelerations(plane, start_of(plane, trim), trim.surfaces, trim.power)[0][:6])
+        return np.array(
+            accelerations(plane, start_of(plane, trim), trim.surfaces, trim.power)[0][:6]
+        )
 
     x = np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.1])
     for _ in range(50):
-        slope = np.array([(unbalanced(x + 1e-6 * e) - unbalanced(x - 1e-6 * e)) / 2e-6 for e in np.eye(6)]).T
+        slope = np.array(
+            [(unbalanced(x + 1e-6 * e) - unbalanced(x - 1e-6 * e)) / 2e-6 for e in np.eye(6)]
+        ).T
         step = np.linalg.solve(slope, unbalanced(x))
         x = x - step * min(1.0, 0.2 / float(np.max(np.abs(step))))
         if np.max(np.abs(step)) < 1e-11:
@@ -151,9 +194,11 @@ def trimmed(plane: Airplane) -> Trim:
 
 
 def derivatives(plane: Airplane, trim: Trim, model: str) -> dict[str, float]:
-    """Linear derivatives about trim of a model of the vehicle file, by central differences of the coefficients.
+    """Linear derivatives about trim of a model of the vehicle file, by central differences of
+    the coefficients.
 
-    Lift is the force across the flight path; for the rigid model, whose load factor is its lift, across the body.
+    Lift is the force across the flight path; for the rigid model, whose load factor is its
+    lift, across the body.
     """
     rise = trim.power if plane.propeller else 0.0
     names = ("alpha", "beta", "p", "q", "r", "de", "da", "dr")
@@ -167,23 +212,39 @@ def derivatives(plane: Airplane, trim: Trim, model: str) -> dict[str, float]:
         drag = -along * math.cos(a) - down * math.sin(a)
         return np.array([drag, side, lift, roll, pitch, yaw])
 
-    slopes = {name: (all_six(about + small * e) - all_six(about - small * e)) / (2.0 * small) for name, e in zip(names, np.eye(8), strict=True)}
+    slopes = {
+        name: (all_six(about + small * e) - all_six(about - small * e)) / (2.0 * small)
+        for name, e in zip(names, np.eye(8), strict=True)
+    }
     row = {"CD": 0, "CY": 1, "CL": 2, "Cl": 3, "Cm": 4, "Cn": 5}
     if model == "lateral":
-        return {f"{axis}_{by}": float(slopes[by][row[axis]]) for axis in ("CY", "Cl", "Cn") for by in ("beta", "p", "r", "da", "dr")}
-    found = {f"{axis}_{by}": float(slopes[by][row[axis]]) for axis in ("CL", "Cm") for by in ("alpha", "q", "de")}
+        return {
+            f"{axis}_{by}": float(slopes[by][row[axis]])
+            for axis in ("CY", "Cl", "Cn")
+            for by in ("beta", "p", "r", "da", "dr")
+        }
+    found = {
+        f"{axis}_{by}": float(slopes[by][row[axis]])
+        for axis in ("CL", "Cm")
+        for by in ("alpha", "q", "de")
+    }
     if model == "rigid":
         return found
     at_trim = all_six(about)
     found["CD_alpha"] = float(slopes["alpha"][row["CD"]])
     for axis in ("CD", "CL", "Cm"):
         elevator = found.get(f"{axis}_de", 0.0) * trim.elevator
-        found[f"{axis}_0"] = float(at_trim[row[axis]]) - found[f"{axis}_alpha"] * trim.alpha - elevator
+        found[f"{axis}_0"] = (
+            float(at_trim[row[axis]]) - found[f"{axis}_alpha"] * trim.alpha - elevator
+        )
     return found
 
 
-def dryden(airspeed: float, sigma: float, length: float, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Dryden gusts ``(3, count)`` in m/s: along first order, across and vertical second order (MIL-F-8785C), exact at the grid's steps."""
+def dryden(
+    airspeed: float, sigma: float, length: float, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Dryden gusts ``(3, count)`` in m/s: along first order, across and vertical second order
+    (MIL-F-8785C), exact at the grid's steps."""
     time = length / airspeed
     keep = math.exp(-STEP / time)
     fresh = rng.standard_normal((3, count))
@@ -192,7 +253,7 @@ def dryden(airspeed: float, sigma: float, length: float, count: int, rng: np.ran
     for k in range(count):
         out[0, k] = along
         along = keep * along + math.sqrt(1.0 - keep * keep) * rng.standard_normal()
-    # x'' = -2 x'/T - x/T^2 + noise/T^2; the gust is x + sqrt(3) T x' times sqrt(T), of variance one.
+    # x'' = -2 x'/T - x/T^2 + noise/T^2; the gust, of variance one, is sqrt(T) (x + sqrt(3) T x').
     transition = keep * np.array([[1.0 + STEP / time, STEP], [-STEP / time**2, 1.0 - STEP / time]])
     settled = np.diag([1.0 / (4.0 * time), 1.0 / (4.0 * time**3)])
     root = np.linalg.cholesky(settled - transition @ settled @ transition.T + 1e-18 * np.eye(2))
@@ -215,10 +276,17 @@ def servo_matrices(plane: Airplane) -> tuple[float, float, float, float, float, 
     return a11, a12, a21, a22, 1.0 - a11, -a21
 
 
-def fly(plane: Airplane, trim: Trim, commands: Mapping[str, np.ndarray], loops: Loops = Loops(), hidden: Hidden = Hidden()) -> Signals:
+def fly(
+    plane: Airplane,
+    trim: Trim,
+    commands: Mapping[str, np.ndarray],
+    loops: Loops = Loops(),
+    hidden: Hidden = Hidden(),
+) -> Signals:
     """Fly from trim; true signals at the c.g. on the grid of `STEP`.
 
-    ``commands`` are changes about trim: surfaces in rad, ``thrust`` in N. The surfaces are recorded behind
+    ``commands`` are changes about trim: surfaces in rad, ``thrust`` in N. The surfaces are
+    recorded behind
     their servos. ``nx``, ``ny``, ``nz`` are specific forces over g, nz positive up.
     """
     count = len(next(iter(commands.values())))
@@ -240,13 +308,28 @@ def fly(plane: Airplane, trim: Trim, commands: Mapping[str, np.ndarray], loops: 
         in_air = _in_air(places, hidden, k * STEP)
         power, added = _power(plane, trim, float(thrust[k]), hidden, k * STEP)
         angle = _angle(state, wind, hidden.lateral) - (trim.beta if hidden.lateral else trim.alpha)
-        added = _unsteady(added, hidden, angle, late, separated, plane, trim)
+        added = _unsteady(added, hidden, angle, late, separated)
         surfaces = [neutral + change for neutral, change in zip(trim.surfaces, in_air, strict=True)]
         first, specific = accelerations(plane, state, surfaces, power, wind, added)
         seen = (state[0] - wind[0], state[1] - wind[1], state[2] - wind[2])
         speed = math.sqrt(seen[0] ** 2 + seen[1] ** 2 + seen[2] ** 2)
         angles = (math.atan2(seen[2], seen[0]), math.asin(seen[1] / speed))
-        rows[k] = (*places, thrust[k], speed, *angles, p, q, r, phi, theta, specific[0] / G0, specific[1] / G0, -specific[2] / G0, power, state[9])
+        rows[k] = (
+            *places,
+            thrust[k],
+            speed,
+            *angles,
+            p,
+            q,
+            r,
+            phi,
+            theta,
+            specific[0] / G0,
+            specific[1] / G0,
+            -specific[2] / G0,
+            power,
+            state[9],
+        )
         if k + 1 == count:
             break
         for i in range(3):
@@ -254,18 +337,50 @@ def fly(plane: Airplane, trim: Trim, commands: Mapping[str, np.ndarray], loops: 
             place, pace = places[i], speeds[i]
             places[i] = servo[0] * place + servo[1] * pace + servo[4] * command
             speeds[i] = servo[2] * place + servo[3] * pace + servo[5] * command
-        after = [neutral + change for neutral, change in zip(trim.surfaces, _in_air(places, hidden, (k + 1) * STEP), strict=True)]
+        after = [
+            neutral + change
+            for neutral, change in zip(
+                trim.surfaces, _in_air(places, hidden, (k + 1) * STEP), strict=True
+            )
+        ]
         middle = [0.5 * (one + other) for one, other in zip(surfaces, after, strict=True)]
         wind_after = wind if hidden.gust is None else tuple(hidden.gust[:, k + 1])
-        wind_middle = tuple(0.5 * (one + other) for one, other in zip(wind, wind_after, strict=True))
-        second, _ = accelerations(plane, _moved(state, first, 0.5 * STEP), middle, power, wind_middle, added)
-        third, _ = accelerations(plane, _moved(state, second, 0.5 * STEP), middle, power, wind_middle, added)
-        fourth, _ = accelerations(plane, _moved(state, third, STEP), after, power, wind_after, added)
-        state = [x + STEP / 6.0 * (a + 2.0 * (b + c) + d) for x, a, b, c, d in zip(state, first, second, third, fourth, strict=True)]
+        wind_middle = tuple(
+            0.5 * (one + other) for one, other in zip(wind, wind_after, strict=True)
+        )
+        second, _ = accelerations(
+            plane, _moved(state, first, 0.5 * STEP), middle, power, wind_middle, added
+        )
+        third, _ = accelerations(
+            plane, _moved(state, second, 0.5 * STEP), middle, power, wind_middle, added
+        )
+        fourth, _ = accelerations(
+            plane, _moved(state, third, STEP), after, power, wind_after, added
+        )
+        state = [
+            x + STEP / 6.0 * (a + 2.0 * (b + c) + d)
+            for x, a, b, c, d in zip(state, first, second, third, fourth, strict=True)
+        ]
         late, separated = _followed(hidden, angle, late, separated)
     if not np.all(np.isfinite(rows)) or np.max(np.abs(rows[:, 10])) > 1.0:
         raise RuntimeError(f"{plane.name}: the flight went astray")
-    names = (*SURFACES, "thrust", "airspeed", "alpha", "beta", "p", "q", "r", "phi", "theta", "nx", "ny", "nz", "power", "height")
+    names = (
+        *SURFACES,
+        "thrust",
+        "airspeed",
+        "alpha",
+        "beta",
+        "p",
+        "q",
+        "r",
+        "phi",
+        "theta",
+        "nx",
+        "ny",
+        "nz",
+        "power",
+        "height",
+    )
     out = {name: rows[:, k].copy() for k, name in enumerate(names)}
     for name, neutral in zip(SURFACES, trim.surfaces, strict=True):
         out[name] += neutral
@@ -285,13 +400,18 @@ def _angle(state: Sequence[float], wind: Sequence[float], lateral: bool) -> floa
 
 def _in_air(places: Sequence[float], hidden: Hidden, time: float) -> list[float]:
     """Surfaces about trim as the air sees them, behind their linkage."""
-    seen = [hidden.linkage[name](place) if name in hidden.linkage else place for name, place in zip(SURFACES, places, strict=True)]
+    seen = [
+        hidden.linkage[name](place) if name in hidden.linkage else place
+        for name, place in zip(SURFACES, places, strict=True)
+    ]
     if hidden.jump is not None and time >= hidden.jump[0]:
         seen[SURFACES.index(hidden.jump[1])] *= hidden.jump[2]
     return seen
 
 
-def _power(plane: Airplane, trim: Trim, change: float, hidden: Hidden, time: float) -> tuple[float, tuple[float, ...]]:
+def _power(
+    plane: Airplane, trim: Trim, change: float, hidden: Hidden, time: float
+) -> tuple[float, tuple[float, ...]]:
     """Thrust, and the coefficients of a pulse that is in no record."""
     power = trim.power + (0.0 if plane.propeller else change)
     if hidden.pulse is None:
@@ -304,7 +424,9 @@ def _power(plane: Airplane, trim: Trim, change: float, hidden: Hidden, time: flo
     return power, (force / pressed, 0.0, 0.0, 0.0, moment, -force * arm / (pressed * plane.span))
 
 
-def _unsteady(added: Sequence[float], hidden: Hidden, angle: float, late: float, separated: float, plane: Airplane, trim: Trim) -> tuple[float, ...]:
+def _unsteady(
+    added: Sequence[float], hidden: Hidden, angle: float, late: float, separated: float
+) -> tuple[float, ...]:
     """Coefficients of loads that follow late, and of flow that stays separated."""
     x, y, z, roll, pitch, yaw = added
     if hidden.lag is not None:
@@ -326,7 +448,9 @@ def _followed(hidden: Hidden, angle: float, late: float, separated: float) -> tu
         late = angle + (late - angle) * math.exp(-STEP / hidden.lag[1])
     if hidden.stall is not None:
         upper, lower, _ = hidden.stall
-        target = 1.0 if angle > upper else 0.0 if angle < lower else (1.0 if separated > 0.5 else 0.0)
+        target = (
+            1.0 if angle > upper else 0.0 if angle < lower else (1.0 if separated > 0.5 else 0.0)
+        )
         separated = target + (separated - target) * math.exp(-STEP / 0.08)
     return late, separated
 
