@@ -8,7 +8,6 @@ import csv
 import json
 import os
 import shlex
-import signal
 import subprocess
 import sys
 import time
@@ -24,7 +23,7 @@ from exam.independent.grading import FEW_SIGMAS, Answer, Grade, grade, held_out,
 from exam.scoring import share_of_flights
 
 ROOT = Path(__file__).parents[2]
-PATIENCE = 900.0  # s of processor time for one diagnosis
+PATIENCE = 1800.0  # s for one diagnosis
 FIELDS = (
     "flight",
     "model",
@@ -140,27 +139,13 @@ def diagnosed(folder: Path, study: Path, command: Sequence[str], model: str) -> 
     kept = study.with_suffix(".json")
     if not kept.exists():
         trains = sorted(map(str, folder.glob("train-*.csv")))
-        line = [
-            *command,
-            "diagnose",
-            *trains,
-            "--model",
-            model,
-            "--vehicle",
-            str(folder / "vehicle.toml"),
-        ]
-        line += [
-            "--validate",
-            str(folder / "validate.csv"),
-            "--no-figures",
-            "--quiet",
-            "--out",
-            str(study),
-        ]
+        given = {"--model": model, "--vehicle": folder / "vehicle.toml"}
+        given |= {"--validate": folder / "validate.csv", "--out": study}
+        line = [*command, "diagnose", *trains, "--no-figures", "--quiet"]
+        line += [str(word) for option in given.items() for word in option]
         code, said, seconds = _run(line, study.parent)
-        kept.write_text(
-            json.dumps({"code": code, "said": said, "seconds": seconds}), encoding="utf-8"
-        )
+        ended = {"code": code, "said": said, "seconds": seconds}
+        kept.write_text(json.dumps(ended), encoding="utf-8", newline="\n")
     ended = json.loads(kept.read_text(encoding="utf-8"))
     written = study / "diagnosis.json"
     content: dict[str, Any] = (
@@ -175,28 +160,33 @@ def _run(line: Sequence[str], where: Path) -> tuple[int, str, float]:
     """Exit code, end of the error stream and processor seconds of a command; a command that is
     out of patience is stopped."""
     paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-    environment = {
-        **os.environ,
-        "OPENBLAS_NUM_THREADS": "1",
-        "OMP_NUM_THREADS": "1",
-        "PYTHONPATH": paths,
-    }
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    environment["PYTHONPATH"] = paths
+    errors = where / f"{Path(line[-1]).name}.err"
+    with errors.open("w", encoding="utf-8", newline="\n") as stream:
+        quiet = subprocess.DEVNULL
+        process = subprocess.Popen(line, stdout=quiet, stderr=stream, env=environment, cwd=where)
+        code, seconds = _waited(process)
+    return code, errors.read_text(encoding="utf-8", errors="replace").strip()[-300:], seconds
+
+
+def _waited(process: subprocess.Popen[bytes]) -> tuple[int, float]:
+    """Exit code and processor seconds with its children; NaN seconds where none are counted."""
+    if not hasattr(os, "wait4"):
+        try:
+            return process.wait(PATIENCE), float("nan")
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait(), float("nan")
     begun = time.monotonic()
-    with (where / f"{os.path.basename(line[-1])}.err").open("w+", encoding="utf-8") as errors:
-        process = subprocess.Popen(
-            line, stdout=subprocess.DEVNULL, stderr=errors, env=environment, cwd=where
-        )
-        while True:
-            done, status, usage = os.wait4(process.pid, os.WNOHANG)
-            if done:
-                break
-            if time.monotonic() - begun > 2.0 * PATIENCE:
-                process.send_signal(signal.SIGKILL)
-            time.sleep(0.1)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        errors.seek(0)
-        said = errors.read().strip()[-300:]
-    return process.returncode, said, usage.ru_utime + usage.ru_stime
+    while True:
+        done, status, usage = os.wait4(process.pid, os.WNOHANG)
+        if done:
+            process.returncode = os.waitstatus_to_exitcode(status)
+            return process.returncode, usage.ru_utime + usage.ru_stime
+        if time.monotonic() - begun > PATIENCE:
+            process.kill()
+        time.sleep(0.1)
 
 
 def row_of(folder: Path, study: Path, command: Sequence[str]) -> dict[str, Any]:

@@ -141,9 +141,10 @@ def write_folder(
         for name, value in vehicle.items()
     ]
     lines += ["", "[derivatives]", *(f"{name} = {value:.5g}" for name, value in starts.items()), ""]
-    (folder / "vehicle.toml").write_text("\n".join(lines), encoding="utf-8")
+    (folder / "vehicle.toml").write_text("\n".join(lines), encoding="utf-8", newline="\n")
     whole = {**truth, "sigma": records[-1][2]}
-    (folder / "truth.json").write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+    text = json.dumps(whole, indent=1) + "\n"
+    (folder / "truth.json").write_text(text, encoding="utf-8", newline="\n")
 
 
 def truth_of(

@@ -23,6 +23,8 @@ G0 = 9.80665  # m/s2
 STEP = 1.0 / 400.0  # s
 SCALE_HEIGHT = 9500.0  # m over which the density falls by e
 SURFACES = ("elevator", "aileron", "rudder")
+MOTION = ("airspeed", "alpha", "beta", "p", "q", "r", "phi", "theta")
+SIGNALS = (*SURFACES, "thrust", *MOTION, "nx", "ny", "nz", "power", "height")
 Linkage = Callable[[np.ndarray], np.ndarray]
 
 
@@ -291,97 +293,44 @@ def fly(
     """
     count = len(next(iter(commands.values())))
     still = np.zeros(count)
-    asked = [commands.get(name, still) for name in SURFACES]
+    asked = np.stack([commands.get(name, still) for name in SURFACES])
     thrust = commands.get("thrust", still)
     servo = servo_matrices(plane)
     state, places, speeds = start_of(plane, trim), [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
     late, separated = 0.0, 0.0
-    rows = np.empty((count, 17))
+    gust = np.zeros((3, count)) if hidden.gust is None else hidden.gust
+    rows = np.empty((count, len(SIGNALS)))
     for k in range(count):
-        p, q, r, phi, theta = state[3], state[4], state[5], state[6], state[7]
-        wind = (0.0, 0.0, 0.0) if hidden.gust is None else tuple(hidden.gust[:, k])
+        wind = gust[:, k].tolist()
+        power, added = _power(plane, trim, float(thrust[k]), hidden, k * STEP)
+        angle = _angle(state, wind, hidden.lateral) - (trim.beta if hidden.lateral else trim.alpha)
+        added = _unsteady(added, hidden, angle, late, separated)
+        surfaces = _in_air(trim, places, hidden, k * STEP)
+        first, specific = accelerations(plane, state, surfaces, power, wind, added)
+        rows[k] = (*places, thrust[k], *_seen(state, wind), *_in_g(specific), power, state[9])
+        if k + 1 == count:
+            break
+        p, q, r, phi, theta = state[3:8]
         feedback = (
             loops.pitch_rate * q + loops.attitude * (theta - trim.theta),
             loops.bank * phi + loops.roll_rate * p,
             loops.yaw_rate * r,
         )
-        in_air = _in_air(places, hidden, k * STEP)
-        power, added = _power(plane, trim, float(thrust[k]), hidden, k * STEP)
-        angle = _angle(state, wind, hidden.lateral) - (trim.beta if hidden.lateral else trim.alpha)
-        added = _unsteady(added, hidden, angle, late, separated)
-        surfaces = [neutral + change for neutral, change in zip(trim.surfaces, in_air, strict=True)]
-        first, specific = accelerations(plane, state, surfaces, power, wind, added)
-        seen = (state[0] - wind[0], state[1] - wind[1], state[2] - wind[2])
-        speed = math.sqrt(seen[0] ** 2 + seen[1] ** 2 + seen[2] ** 2)
-        angles = (math.atan2(seen[2], seen[0]), math.asin(seen[1] / speed))
-        rows[k] = (
-            *places,
-            thrust[k],
-            speed,
-            *angles,
-            p,
-            q,
-            r,
-            phi,
-            theta,
-            specific[0] / G0,
-            specific[1] / G0,
-            -specific[2] / G0,
-            power,
-            state[9],
-        )
-        if k + 1 == count:
-            break
         for i in range(3):
-            command = float(asked[i][k]) + feedback[i]
+            command = float(asked[i, k]) + feedback[i]
             place, pace = places[i], speeds[i]
             places[i] = servo[0] * place + servo[1] * pace + servo[4] * command
             speeds[i] = servo[2] * place + servo[3] * pace + servo[5] * command
-        after = [
-            neutral + change
-            for neutral, change in zip(
-                trim.surfaces, _in_air(places, hidden, (k + 1) * STEP), strict=True
-            )
-        ]
-        middle = [0.5 * (one + other) for one, other in zip(surfaces, after, strict=True)]
-        wind_after = wind if hidden.gust is None else tuple(hidden.gust[:, k + 1])
-        wind_middle = tuple(
-            0.5 * (one + other) for one, other in zip(wind, wind_after, strict=True)
-        )
-        second, _ = accelerations(
-            plane, _moved(state, first, 0.5 * STEP), middle, power, wind_middle, added
-        )
-        third, _ = accelerations(
-            plane, _moved(state, second, 0.5 * STEP), middle, power, wind_middle, added
-        )
-        fourth, _ = accelerations(
-            plane, _moved(state, third, STEP), after, power, wind_after, added
-        )
-        state = [
-            x + STEP / 6.0 * (a + 2.0 * (b + c) + d)
-            for x, a, b, c, d in zip(state, first, second, third, fourth, strict=True)
-        ]
+        after = _in_air(trim, places, hidden, (k + 1) * STEP)
+
+        def rates(x: list[float], along: Sequence[float], air: Sequence[float]) -> list[float]:
+            return accelerations(plane, x, along, power, air, added)[0]  # noqa: B023
+
+        state = _stepped(state, first, rates, (surfaces, after), (wind, gust[:, k + 1].tolist()))
         late, separated = _followed(hidden, angle, late, separated)
     if not np.all(np.isfinite(rows)) or np.max(np.abs(rows[:, 10])) > 1.0:
         raise RuntimeError(f"{plane.name}: the flight went astray")
-    names = (
-        *SURFACES,
-        "thrust",
-        "airspeed",
-        "alpha",
-        "beta",
-        "p",
-        "q",
-        "r",
-        "phi",
-        "theta",
-        "nx",
-        "ny",
-        "nz",
-        "power",
-        "height",
-    )
-    out = {name: rows[:, k].copy() for k, name in enumerate(names)}
+    out = {name: rows[:, k].copy() for k, name in enumerate(SIGNALS)}
     for name, neutral in zip(SURFACES, trim.surfaces, strict=True):
         out[name] += neutral
     out["thrust"] += 0.0 if plane.propeller else trim.power
@@ -398,15 +347,43 @@ def _angle(state: Sequence[float], wind: Sequence[float], lateral: bool) -> floa
     return math.asin(v / math.sqrt(u * u + v * v + w * w)) if lateral else math.atan2(w, u)
 
 
-def _in_air(places: Sequence[float], hidden: Hidden, time: float) -> list[float]:
-    """Surfaces about trim as the air sees them, behind their linkage."""
+def _seen(state: Sequence[float], wind: Sequence[float]) -> tuple[float, ...]:
+    """Speed and angles against the air, rates, bank and attitude."""
+    u, v, w = state[0] - wind[0], state[1] - wind[1], state[2] - wind[2]
+    speed = math.sqrt(u**2 + v**2 + w**2)
+    return speed, math.atan2(w, u), math.asin(v / speed), *state[3:8]
+
+
+def _in_g(specific: tuple[float, float, float]) -> tuple[float, float, float]:
+    return specific[0] / G0, specific[1] / G0, -specific[2] / G0
+
+
+def _stepped(
+    state: list[float],
+    first: list[float],
+    rates: Callable[[list[float], Sequence[float], Sequence[float]], list[float]],
+    surfaces: tuple[list[float], list[float]],
+    wind: tuple[list[float], list[float]],
+) -> list[float]:
+    """A Runge-Kutta step; surfaces and wind run straight from its start to its end."""
+    middle = [0.5 * (one + other) for one, other in zip(*surfaces, strict=True)]
+    air = [0.5 * (one + other) for one, other in zip(*wind, strict=True)]
+    second = rates(_moved(state, first, 0.5 * STEP), middle, air)
+    third = rates(_moved(state, second, 0.5 * STEP), middle, air)
+    fourth = rates(_moved(state, third, STEP), surfaces[1], wind[1])
+    slopes = zip(state, first, second, third, fourth, strict=True)
+    return [x + STEP / 6.0 * (a + 2.0 * (b + c) + d) for x, a, b, c, d in slopes]
+
+
+def _in_air(trim: Trim, places: Sequence[float], hidden: Hidden, time: float) -> list[float]:
+    """Surfaces as the air sees them, behind their linkage."""
     seen = [
         hidden.linkage[name](place) if name in hidden.linkage else place
         for name, place in zip(SURFACES, places, strict=True)
     ]
     if hidden.jump is not None and time >= hidden.jump[0]:
         seen[SURFACES.index(hidden.jump[1])] *= hidden.jump[2]
-    return seen
+    return [neutral + change for neutral, change in zip(trim.surfaces, seen, strict=True)]
 
 
 def _power(
