@@ -11,7 +11,17 @@ import numpy as np
 from exam.independent.airplanes import AIRPLANES, PHANTOM, TRANSPORT, Airplane
 from exam.independent.causes import G0, Scales
 from exam.independent.folders import SIGMA, Recorder, Signals
-from exam.independent.six_degrees import STEP, Loops, Trim, at_speed, derivatives, fly, trimmed
+from exam.independent.six_degrees import (
+    STEP,
+    Loops,
+    Trim,
+    accelerations,
+    at_speed,
+    derivatives,
+    fly,
+    start_of,
+    trimmed,
+)
 from tests.independent.maneuvers import (
     Maneuver,
     doublet,
@@ -25,6 +35,7 @@ from tests.independent.maneuvers import (
 # Log likelihood that curved polynomials may be worth in the records to fit: nobody should see them.
 MOST_GAIN = 4.0
 SMALLEST = 0.3  # share of the full size below which a maneuver excites too little
+RATES = ("p", "q", "r")
 Commands = dict[str, np.ndarray]
 
 
@@ -267,25 +278,42 @@ CURVES: Mapping[str, tuple[str, Callable[[Signals], list[np.ndarray]], tuple[str
 models."""
 
 
+def amplification(setting: Setting) -> float:
+    """Response of the fast mode at its own frequency over the one at rest, 1/(2 zeta), at least 1.
+
+    A curved moment is fed back at the frequency of the mode; a lightly damped one enlarges it.
+    """
+    plane, trim = setting.plane, setting.trim
+    states = [1, 3, 5, 6] if setting.model == "lateral" else [2, 4]
+    rest, small = start_of(plane, trim), 1e-4
+    columns = []
+    for state in states:
+        both = []
+        for sign in (1.0, -1.0):
+            moved = [x + sign * small * (k == state) for k, x in enumerate(rest)]
+            rates = accelerations(plane, moved, trim.surfaces, trim.power)[0]
+            both.append(np.array([rates[k] for k in states]))
+        columns.append((both[0] - both[1]) / (2.0 * small))
+    roots = np.linalg.eigvals(np.array(columns).T)
+    swinging = [root for root in roots if abs(root.imag) > 1e-6]
+    return max([1.0, *(abs(root) / max(-2.0 * root.real, 1e-3) for root in swinging)])
+
+
 def true_curves(setting: Setting) -> list[str]:
     """Curves that the airplane itself has and that a record may show: each worth more than
     `MOST_GAIN` in log likelihood."""
-    gains = dict.fromkeys(
-        (name for name, (_, _, models) in CURVES.items() if setting.model in models), 0.0
-    )
+    offered = [name for name, (_, _, models) in CURVES.items() if setting.model in models]
+    gains = dict.fromkeys(offered, 0.0)
+    larger = amplification(setting)
     for commands in setting.commands[:2]:
         s = fly(setting.plane, setting.trim, commands, setting.loops)
         about = {**s, "alpha": s["alpha"] - s["alpha"][0], "beta": s["beta"] - s["beta"][0]}
         lines = _straight(setting, s)
         samples = setting.how.rate * STEP * len(s["q"])
-        for name in gains:
+        for name in offered:
             channel, more, _ = CURVES[name]
             values, columns = lines[channel]
-            noise = SIGMA[channel] * setting.how.noise
-            gains[name] += (
-                0.5
-                * samples
-                * (_left(values, columns) ** 2 - _left(values, [*columns, *more(about)]) ** 2)
-                / noise**2
-            )
+            seen = (larger if channel in RATES else 1.0) / (SIGMA[channel] * setting.how.noise)
+            curved = _left(values, columns) ** 2 - _left(values, [*columns, *more(about)]) ** 2
+            gains[name] += 0.5 * samples * curved * seen**2
     return [name for name, gain in gains.items() if gain > MOST_GAIN]

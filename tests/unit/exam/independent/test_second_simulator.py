@@ -11,7 +11,7 @@ import pytest
 
 from exam.independent import jsbsim_flights, own_flights, six_degrees
 from exam.independent.airplanes import AIRPLANES, BEAVER, PHANTOM, TRANSPORT, Airplane
-from exam.independent.settings import drawn_setting, true_curves
+from exam.independent.settings import amplification, drawn_setting, true_curves
 from exam.independent.six_degrees import G0, STEP, Hidden, Loops, accelerations, derivatives, dryden, fly, start_of, trimmed
 from tests.independent.jsbsim_flight import AVAILABLE
 
@@ -179,3 +179,16 @@ def test_a_flight_by_jsbsim_is_the_same_again(tmp_path: Path) -> None:
         jsbsim_flights.fly_flight(4, tmp_path / folder)
     for name in ("train-1.csv", "validate.csv", "vehicle.toml", "truth.json"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_amplification_is_that_of_the_free_decay() -> None:
+    """The yaw rate of the F-4 after a pulse: its peaks fall by exp(-2 pi zeta/sqrt(1 - zeta^2)) a period."""
+    setting, _ = drawn_setting(8, "lateral", np.random.default_rng([own_flights.SEED, 2, 8]))
+    assert setting.plane.name == PHANTOM.name
+    time = STEP * np.arange(6000)
+    flown = fly(setting.plane, setting.trim, {"rudder": 0.002 * ((time > 0.5) & (time < 1.5))})
+    rate = np.gradient(flown["beta"], STEP)
+    peaks = [rate[k] for k in range(800, 5999) if rate[k - 1] < rate[k] >= rate[k + 1] and rate[k] > 0.0]
+    decrement = math.log(peaks[0] / peaks[1])
+    zeta = decrement / math.hypot(2.0 * math.pi, decrement)
+    assert amplification(setting) == pytest.approx(1.0 / (2.0 * zeta), rel=0.1)
