@@ -49,6 +49,11 @@ EXAMINATIONS: Mapping[str, tuple[str, str, str]] = {
         "main",
         "coverage of every estimator: the table in docs/estimators.md",
     ),
+    "independent": (
+        "exam.independent.command",
+        "main",
+        "flights of independent simulators, diagnosed from files alone and graded",
+    ),
     "papers-page": (
         "exam.reproduction.command",
         "main",

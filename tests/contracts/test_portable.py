@@ -18,6 +18,7 @@ ABSENT = {
     **{"signal": {"SIGKILL", "SIGHUP", "SIGALRM", "SIGSTOP", "SIGUSR1", "SIGCHLD", "SIGPIPE", "pthread_sigmask", "alarm", "setitimer"}},
 }
 ASKING = {
+    "exam/independent/command.py",  # hasattr
     "ident/alongside.py",  # can_fork
     "scenarios/plots/page/sharing.py",  # can_fork
     "scenarios/tasks/processes.py",  # sys.platform

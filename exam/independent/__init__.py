@@ -1,0 +1,2 @@
+"""Flights of simulators that share no code with the tracing loop, and grades of what it says of
+them."""
