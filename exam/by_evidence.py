@@ -1,6 +1,6 @@
 """Decide by posterior probabilities of sets of effects, from files alone, as `diagnose` would.
 
-It stands beside the decisions of the installed loop, so that both can be graded on the same flights:
+It stands beside the decisions of the installed loop; both can be graded on the same flights:
 ``python -m exam independent --score DIR --out DIR --command "python -m exam by-evidence"``.
 """
 

@@ -90,27 +90,25 @@ def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Deci
 
 
 def _by_sets(search: Search, best: Weighed) -> Decision:
-    """Under white noise: every member of the best set, or its group, has to be certain."""
+    """Under white noise: what is certain, where it leaves noise; else the best set, by groups."""
     sets = probabilities(search)
     inclusion = inclusion_of(sets)
-    guards = search.problem.guards
-    named, certain, grouped = [], True, True
+    certain = frozenset(name for name in best.names if inclusion[name] >= CERTAIN)
+    enough = search.visited.get(certain)
+    if enough is not None and is_noise(enough.fitted):
+        best = enough
+    named = []
     for effect in best.fitted.effects:
-        alike = _alike(search, best, effect, sets)
-        total = inclusion[effect.name] + sum(alike.values())
-        named.append(Named(effect.name, inclusion[effect.name], alike))
-        certain &= inclusion[effect.name] >= CERTAIN
-        grouped &= total >= CERTAIN
+        named.append(Named(effect.name, inclusion[effect.name], _alike(search, best, effect, sets)))
+    totals = [each.probability + sum(each.alternatives.values()) for each in named]
     if not best.names:
         verdict = Verdict.CONSISTENT
-    elif guards & best.names or not grouped:
+    elif search.problem.guards & best.names or min(totals) < CERTAIN:
         verdict = Verdict.UNEXPLAINED
     else:
-        verdict = Verdict.TRACED if certain else Verdict.AMBIGUOUS
-    hints = tuple(named) if verdict is Verdict.UNEXPLAINED else ()
-    return Decision(
-        verdict, best.fitted, () if hints else tuple(named), hints, inclusion, search.fits
-    )
+        verdict = Verdict.TRACED if best.names == certain else Verdict.AMBIGUOUS
+    told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
+    return Decision(verdict, best.fitted, told, hints, inclusion, search.fits)
 
 
 def _alike(
@@ -150,7 +148,9 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
         share = 1.0 / (1.0 + sum(rivals.values()))
         named.append(Named(name, share, {other: each * share for other, each in rivals.items()}, z))
     if not named:
-        slight = _error_over_noise(white.root.fitted, search.root.fitted) < SLIGHT
+        # A discrepancy of no consequence is no cause to look for, unless a set explains some of it.
+        quiet = not white.best().fitted.foreground
+        slight = quiet and _error_over_noise(white.root.fitted, search.root.fitted) < SLIGHT
         verdict = Verdict.CONSISTENT if slight else Verdict.UNEXPLAINED
         return Decision(
             verdict, white.root.fitted if slight else search.root.fitted, (), (), inclusion, fits

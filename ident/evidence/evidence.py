@@ -23,7 +23,8 @@ class Weighed:
     Attributes
     ----------
     fitted : the fit. evidence : ln p(data | set). weight : with the set's prior odds.
-    offset : ``(n,)`` from the fit to the posterior's mode. covariance : ``(n, n)`` of the posterior.
+    offset : ``(n,)`` from the fit to the posterior's mode.
+    covariance : ``(n, n)`` of the posterior.
     """
 
     fitted: FittedModel

@@ -2,8 +2,8 @@
 
 Where no set of effects leaves noise, the forces of the model are wrong in ways that no library
 holds. They get a random history (the discrepancy) [1]_, and an effect is added only where the
-evidence for it is spread over the records: Vuong's test on blocks of time, which holds where neither of two
-models is true [2]_.
+evidence for it is spread over the records: Vuong's test on blocks of time, which holds where
+neither of two models is true [2]_.
 
 References
 ----------

@@ -16,7 +16,7 @@ from ident.evidence.scan import closed_forms
 @given(st.integers(0, 10_000), st.integers(1, 4))
 @settings(max_examples=40, deadline=None)
 def test_the_gain_is_that_of_the_dense_marginal_densities(seed: int, k: int) -> None:
-    """ln p(e | columns with Gaussian factors) - ln p(e | no columns), both written with covariances."""
+    """Both densities of e, with the columns and without them, written with covariances."""
     rng = np.random.default_rng(seed)
     e, W = rng.normal(size=30), rng.normal(size=(30, k))
     mean, sigma = rng.normal(size=k), rng.uniform(0.2, 3.0, k)
