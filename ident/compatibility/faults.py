@@ -41,13 +41,13 @@ class SensorFault:
         """Standard deviation of the sizes that aircraft have, infinite where nothing is stated.
 
         A vane on a boom metres ahead is common: 5 m, or three chords of a large aircraft. An accelerometer is mounted near the centre
-        of gravity: 1 m, or half a chord. A delay or lag, which an arm looks like, has the size that is common in practice.
+        of gravity: 1 m, or a quarter of a chord, so that half a chord is two of these. A delay or lag, which an arm looks like, has the size that is common in practice.
         """
         if self.kind in (DELAY, LAG):
             return self.plausible
         if self.kind not in ARMS:
             return float("inf")
-        return max(5.0, 3.0 * self.chord) if self.channel in (*VANES, BOOM) else max(1.0, 0.5 * self.chord)
+        return max(5.0, 3.0 * self.chord) if self.channel in (*VANES, BOOM) else max(1.0, 0.25 * self.chord)
 
     def surprise(self, size: float | np.ndarray, variance: float | np.ndarray) -> np.ndarray:
         """Log likelihood that an estimated size with its variance loses by what is known of such sizes (``spread``)."""

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.compatibility.fault_sets import TIE, FaultSet, clocks, fault_set, leaves_a_reference, misfits
-from ident.compatibility.faults import ARM, DELAY, LAG, SensorFault
+from ident.compatibility.faults import ARM, BOOM, DELAY, LAG, PACKAGE, SensorFault
 from ident.compatibility.fitting import Fit, fit
 from ident.compatibility.result import Quantity
 from ident.compatibility.trials import Trial, tried
+
+ALIKE = ((BOOM, PACKAGE), ("alpha", "nz", "az"), ("beta", "ny", "ay"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +74,12 @@ def slots_of(base: Fit, found: FaultSet, faults: Sequence[SensorFault], singles:
 def same_lateness(one: SensorFault, other: SensorFault) -> bool:
     """Whether both make the same channel late, in different ways."""
     return one.channel == other.channel and {one.kind, other.kind} <= {DELAY, LAG, ARM} and not (one.rare or other.rare)
+
+
+def same_trace(one: SensorFault, other: SensorFault) -> bool:
+    """Whether two arms ahead leave the same trace, the one where the other is behind: of a vane, and of the accelerometer across its flow."""
+    channels = {one.channel, other.channel}
+    return one.kind == other.kind == ARM and any(vane in channels and channels & {*loads} for vane, *loads in ALIKE)
 
 
 def _slot(base: Fit, found: FaultSet, fault: SensorFault, faults: Sequence[SensorFault], singles: Sequence[Trial]) -> Slot:

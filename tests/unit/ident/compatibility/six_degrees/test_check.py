@@ -91,8 +91,8 @@ def test_a_vane_of_sideslip_ahead_is_told_before_its_accelerometer_behind_and_bo
 
 def test_where_sensors_usually_are() -> None:
     """A boom of metres or of chords; an accelerometer within a metre or half a chord."""
-    spreads = [SensorFault(channel, ARM, chord).spread for channel in ("alpha", BOOM, PACKAGE, "ay") for chord in (0.0, 4.0)]
-    assert spreads == [5.0, 12.0, 5.0, 12.0, 1.0, 2.0, 1.0, 2.0]
+    spreads = [SensorFault(channel, ARM, chord).spread for channel in ("alpha", BOOM, PACKAGE, "ay") for chord in (0.0, 8.0)]
+    assert spreads == [5.0, 24.0, 5.0, 24.0, 1.0, 2.0, 1.0, 2.0]
     assert SensorFault("q", SCALE).surprise(0.3, 0.01) == 0.0
     assert SensorFault("ay", ARM).surprise(-14.0, 0.5) == pytest.approx(0.5 * 14.0**2 / 1.5)
 
