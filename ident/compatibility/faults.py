@@ -40,8 +40,9 @@ class SensorFault:
     def spread(self) -> float:
         """Standard deviation of the sizes that aircraft have, infinite where nothing is stated.
 
-        A vane on a boom metres ahead is common: 5 m, or three chords of a large aircraft. An accelerometer is mounted near the centre
-        of gravity: 1 m, or a quarter of a chord, so that half a chord is two of these. A delay or lag, which an arm looks like, has the size that is common in practice.
+        A vane on a boom metres ahead is common: 5 m, or three chords of a large aircraft. An accelerometer is mounted within about half a
+        chord of the centre of gravity: 1 m, or a quarter of a chord, so that half a chord is two of these. A delay or lag, which an arm
+        looks like, has the size that is common in practice.
         """
         if self.kind in (DELAY, LAG):
             return self.plausible
