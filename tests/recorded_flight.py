@@ -86,6 +86,55 @@ def flight(
     return Record(time, (Channel.of("elevator", "rad", elevator),), tuple(channels), name="flight.csv")
 
 
+@dataclass(frozen=True)
+class Controller:
+    """elevator = angle alpha + rate q + attitude theta + the stick behind a filter, through an actuator of 0.05 s.
+
+    ``inertial``: the angle is that of the aircraft's own motion, which a gust moves late, not that of the vane.
+    """
+
+    angle: float = 0.8
+    rate: float = 0.3
+    attitude: float = 0.0
+    filter: float = 0.4
+    inertial: bool = True
+
+
+def controlled(
+    rng: np.random.Generator,
+    aircraft: Aircraft,
+    law: Controller,
+    kind: str = "3211",
+    rate: float = 50.0,
+    duration: float = 16.0,
+    size: float = 0.03,
+    noise: float = 1.0,
+    gust: float = 0.0,
+    vane: tuple[float, float] = (1.0, 0.0),
+) -> Record:
+    """A record of an aircraft that a controller flies: the stick moves as ``kind`` says; ``vane`` has a scale and a lag, s."""
+    count, h = round(duration * rate) + 1, 1.0 / rate / FINE
+    time = np.arange(count) / rate
+    alpha = q = theta = deflection = stick = felt = 0.0
+    rows = []
+    commands, gusts = maneuver(kind, time, size, 1.0).tolist(), _gusts(rng, count, rate, gust).tolist()
+    for command, w in zip(commands, gusts, strict=True):
+        load = 1.0 + aircraft.airspeed / G0 * (aircraft.lift * (alpha + w) + aircraft.elevator_lift * deflection)
+        rows.append((felt if vane[1] else alpha + w, q, load, deflection))
+        for _ in range(FINE):
+            flow = alpha + w
+            stick += h * (command - stick) / law.filter
+            asked = law.angle * (alpha if law.inertial else flow) + law.rate * q + law.attitude * theta + stick
+            deflection += h * (asked - deflection) / 0.05
+            turning = aircraft.stiffness * flow + aircraft.damping * q + aircraft.power * deflection
+            alpha, q, theta = alpha + h * (q - aircraft.lift * flow - aircraft.elevator_lift * deflection), q + h * turning, theta + h * q
+            felt += h * (alpha + w - felt) / max(vane[1], h)
+    columns = dict(zip(("alpha", "q", "nz", "elevator"), np.array(rows).T, strict=True))
+    columns["alpha"] = vane[0] * columns["alpha"]
+    outputs = [Channel.of(n, UNITS[n], columns[n] + noise * SIGMAS[n] * rng.standard_normal(count)) for n in ("alpha", "q", "nz")]
+    return Record(time, (Channel.of("elevator", "rad", columns["elevator"]),), tuple(outputs), name="controlled.csv")
+
+
 def _gusts(rng: np.random.Generator | None, count: int, rate: float, gust: float) -> np.ndarray:
     out = np.zeros(count)
     if rng is None or gust == 0.0:

@@ -92,7 +92,7 @@ def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *
     bases = [fit([s]) for s in signals]
     together = len(bases) > 1
     whole = fit(signals, begin=_together(bases)) if together else bases[0]
-    found = search(whole, faults_of(used, drifts=not together), bases, settings)
+    found = search(whole, faults_of(used, drifts=not together, chord=settings.chord), bases, settings)
     joint = _result(found, bias_estimates(whole) if not together else ())
     single = [_by_itself(base, found, settings, len(bases)) for base in bases if each] if together else [joint]
     if found.early is not None:

@@ -28,7 +28,7 @@ _TIMED = ("alpha", "q", "nz", "theta")  # what the relations tie within a fracti
 class FaultSet:
     """A joint fit of some faults. ``widening`` of variances by the colour of what is left, the mean over its faults. ``sound``: each fault is
     ``determined``, of a size worth having, within its bounds, and of a sign that can be. ``early``: its last is a load ahead of its time.
-    ``given``: how many faults of the fit, its first ones, are no choice of the set.
+    ``given``: how many faults of the fit, its first ones, are no choice of the set. ``surprise``: log likelihood lost by its sizes a priori.
     """
 
     found: Fit
@@ -37,6 +37,7 @@ class FaultSet:
     determined: bool = True
     early: bool = False
     given: int = 0
+    surprise: float = 0.0
 
     @property
     def faults(self) -> tuple[SensorFault, ...]:
@@ -62,7 +63,9 @@ def fault_set(found: Fit, given: int = 0, *, early: bool = False) -> FaultSet:
     variances = np.diag(sigmas.covariance)[-k:] * widening
     determined = all(0.0 < variance < fault.plausible**2 for fault, variance in zip(found.faults[given:], variances.tolist(), strict=True))
     possible = all(_possible(fault, size) for fault, size in zip(found.faults[given:], found.sizes[given:].tolist(), strict=True))
-    return FaultSet(found, float(np.mean(widening)), determined and possible, determined, early, given)
+    sized = zip(found.faults[given:], found.sizes[given:].tolist(), variances.tolist(), strict=True)
+    surprise = float(sum(fault.surprise(size, variance) for fault, size, variance in sized))
+    return FaultSet(found, float(np.mean(widening)), determined and possible, determined, early, given, surprise)
 
 
 def _possible(fault: SensorFault, size: float) -> bool:
@@ -112,7 +115,9 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
     misfit = misfits([each.found for each in sets])
     widening = sets[int(np.argmin(misfit))].widening
     # Alpha and q late by as much are an early load, to rounding.
-    score = [value / widening + charge * len(each.faults) + TIE * each.early for each, value in zip(sets, misfit.tolist(), strict=True)]
+    score = [
+        value / widening + charge * len(each.faults) + TIE * each.early + each.surprise for each, value in zip(sets, misfit.tolist(), strict=True)
+    ]
     return sets[int(np.argmin(score))]
 
 

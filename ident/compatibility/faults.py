@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 BIAS, SCALE, DELAY, LAG, DRIFT, ARM = "bias", "scale", "delay", "lag", "drift", "arm"
 RIGHT, BELOW = "arm-right", "arm-below"  # as ARM is ahead, along the other two axes
 ARMS = (ARM, RIGHT, BELOW)
 VANES = ("alpha", "beta")
+BOOM = "boom"  # both vanes, on one boom
 PACKAGE = "accelerometers"  # all of them, on one base
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "theta": "rad", "airspeed": "m/s", "ax": "m/s2"} | {
     **{"beta": "rad", "phi": "rad", "psi": "rad", "p": "rad/s", "r": "rad/s", "ny": "g", "nx": "g", "ay": "m/s2", "az": "m/s2"},
@@ -31,12 +34,31 @@ class SensorFault:
 
     channel: str
     kind: str
+    chord: float = field(default=0.0, compare=False)  # m, zero where it is not known
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the sizes that aircraft have, infinite where nothing is stated.
+
+        A vane on a boom metres ahead is common: 5 m, or three chords of a large aircraft. An accelerometer is mounted within about half a
+        chord of the centre of gravity: 1 m, or a quarter of a chord, so that half a chord is two of these. A delay or lag, which an arm
+        looks like, has the size that is common in practice.
+        """
+        if self.kind in (DELAY, LAG):
+            return self.plausible
+        if self.kind not in ARMS:
+            return float("inf")
+        return max(5.0, 3.0 * self.chord) if self.channel in (*VANES, BOOM) else max(1.0, 0.25 * self.chord)
+
+    def surprise(self, size: float | np.ndarray, variance: float | np.ndarray) -> np.ndarray:
+        """Log likelihood that an estimated size with its variance loses by what is known of such sizes (``spread``)."""
+        return np.asarray(0.5 * np.square(size) / (self.spread**2 + variance))
 
     @property
     def name(self) -> str:
         """The effect's name; ``bias:CH`` for a bias, which is no effect."""
         if self.kind in ARMS:
-            sensor = "vane-offset" if self.channel in VANES else "accelerometer-offset"
+            sensor = "vane-offset" if self.channel in (*VANES, BOOM) else "accelerometer-offset"
             of = "" if self.channel == PACKAGE or (self.channel, self.kind) == ("alpha", ARM) else f":{self.channel}"
             return f"{sensor}{self.kind.removeprefix(ARM)}{of}"
         return f"bias:{self.channel}" if self.kind == BIAS else f"sensor-{self.kind}:{self.channel}"
@@ -67,7 +89,7 @@ class SensorFault:
     @property
     def one_sided(self) -> bool:
         """Whether only a positive size can be: nothing is recorded before it happens, and no vane stands behind."""
-        return self.kind in (DELAY, LAG) or (self.kind == ARM and self.channel in VANES)
+        return self.kind in (DELAY, LAG) or (self.kind == ARM and self.channel in (*VANES, BOOM))
 
     @property
     def rare(self) -> bool:
@@ -80,10 +102,10 @@ class SensorFault:
         return 1.0 if self.kind == SCALE else 0.0
 
 
-def faults_of(channels: Sequence[str], *, drifts: bool, biases: bool = False) -> tuple[SensorFault, ...]:
+def faults_of(channels: Sequence[str], *, drifts: bool, biases: bool = False, chord: float = 0.0) -> tuple[SensorFault, ...]:
     """All faults of these channels, in their order."""
     kinds = (*([BIAS] if biases else []), SCALE, DELAY, LAG, *([DRIFT] if drifts else []))
     out = [SensorFault(channel, kind) for channel in channels for kind in kinds]
     if {"alpha", "q"} <= set(channels):
-        out += [SensorFault(channel, ARM) for channel in ("alpha", "nz") if channel in channels]
+        out += [SensorFault(channel, ARM, chord) for channel in ("alpha", "nz") if channel in channels]
     return tuple(out)

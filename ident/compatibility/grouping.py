@@ -8,9 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.compatibility.fault_sets import TIE, FaultSet, clocks, fault_set, leaves_a_reference, misfits
-from ident.compatibility.faults import ARM, DELAY, LAG, SensorFault
+from ident.compatibility.faults import ARM, BOOM, DELAY, LAG, PACKAGE, SensorFault
 from ident.compatibility.fitting import Fit, fit
+from ident.compatibility.result import Quantity
 from ident.compatibility.trials import Trial, tried
+
+ALIKE = ((BOOM, PACKAGE), ("alpha", "nz", "az"), ("beta", "ny", "ay"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,13 @@ def chance_of(false_alarm: float, count: int) -> float:
     return 0.5 * float(ndtri(false_alarm / max(count, 2))) ** 2
 
 
+def probabilities(among: Sequence[tuple[SensorFault, Quantity, float]]) -> dict[str, float]:
+    """Probability of each of some faults, one of which is there, by name: from its estimate and the log likelihood that is lost with it."""
+    scores = np.array([-lost - float(fault.surprise(size.value - fault.offset, size.std**2)) for fault, size, lost in among])
+    weights = np.exp(scores - np.max(scores))
+    return dict(zip((fault.name for fault, _, _ in among), (weights / np.sum(weights)).tolist(), strict=True))
+
+
 def slots_of(base: Fit, found: FaultSet, faults: Sequence[SensorFault], singles: Sequence[Trial]) -> tuple[FaultSet, list[Slot]]:
     """The places of a set, each with all faults in it; where another does better in one, it takes the place, and all is looked at again.
 
@@ -54,6 +64,7 @@ def slots_of(base: Fit, found: FaultSet, faults: Sequence[SensorFault], singles:
         chosen[found.given + i] = slot.trials[0].fault
         changed = fault_set(fit(base.signals, chosen, slot.trials[0].found), found.given)
         before, after = misfits([found.found, changed.found]).tolist()
+        before, after = before + found.widening * found.surprise, after + found.widening * changed.surprise
         if not changed.sound or after > before + TIE:
             break
         found = changed
@@ -63,6 +74,12 @@ def slots_of(base: Fit, found: FaultSet, faults: Sequence[SensorFault], singles:
 def same_lateness(one: SensorFault, other: SensorFault) -> bool:
     """Whether both make the same channel late, in different ways."""
     return one.channel == other.channel and {one.kind, other.kind} <= {DELAY, LAG, ARM} and not (one.rare or other.rare)
+
+
+def same_trace(one: SensorFault, other: SensorFault) -> bool:
+    """Whether two arms ahead leave the same trace, the one where the other is behind: of a vane, and of the accelerometer across its flow."""
+    channels = {one.channel, other.channel}
+    return one.kind == other.kind == ARM and any(vane in channels and channels & {*loads} for vane, *loads in ALIKE)
 
 
 def _slot(base: Fit, found: FaultSet, fault: SensorFault, faults: Sequence[SensorFault], singles: Sequence[Trial]) -> Slot:
@@ -77,8 +94,9 @@ def _slot(base: Fit, found: FaultSet, fault: SensorFault, faults: Sequence[Senso
     # The fault that stands has been fitted as long as any: its fit in the set serves.
     here = [misfit[1] if t.fault is fault else value for t, value in zip(trials, misfit[2:].tolist(), strict=True)]
     here = [value + TIE * t.fault.rare for t, value in zip(trials, here, strict=True)]
+    usual = [value + found.widening * float(t.fault.surprise(t.size, t.variance)) for t, value in zip(trials, here, strict=True)]
     sound = [t.told and (t.size > 0 or not t.fault.one_sided) for t in trials]
-    order = sorted(range(len(trials)), key=lambda i: (not sound[i], here[i]))
+    order = sorted(range(len(trials)), key=lambda i: (not sound[i], usual[i]))
     gains = (misfit[0] - np.array(here)) / found.widening
     led = [replace(trials[i], gain=max(float(gains[i]), 0.0)) for i in order]
     return Slot(others, tuple(led), (gains[order[0]] - gains)[order])

@@ -60,12 +60,30 @@ def first_noise(all_signals: Sequence[Signals]) -> NoiseModel:
     return NoiseModel(outputs, inputs, np.array([rough[name] for name in outputs]), np.array([rough[name] for name in inputs]))
 
 
+def resolution(x: np.ndarray) -> float:
+    """Variance of what a column cannot show: rounding to its least step, or to single precision, in which recorders store at best.
+
+    A value rounded to steps of d has an error of variance d^2/12. A single-precision number of size x has steps of 2^-23 x. The least
+    step of a column is its smallest third difference beyond that, of smooth or noisy samples far less than their noise: differences of
+    multiples are multiples.
+    """
+    single = 2.0**-23 * float(np.max(np.abs(x), initial=0.0))
+    third = np.abs(np.diff(x, 3))
+    moved = third[third > 8.0 * single]  # of four rounded values with weights 1, 3, 3, 1
+    return max(float(np.min(moved, initial=np.inf)) if moved.size else 0.0, single) ** 2 / 12.0
+
+
+def floors(all_signals: Sequence[Signals], names: Sequence[str]) -> np.ndarray:
+    """The least variance that each of the channels can have, by the finest record."""
+    return np.array([max(min(resolution(s.channels[name]) for s in all_signals), 1e-20) for name in names])
+
+
 def roughness(x: np.ndarray) -> float:
     """Variance of a channel's noise as its third differences show it."""
     third = np.diff(x, 3)
     # The median is not moved by the few samples at which a held input switches.
     middle = float(np.median(np.abs(third))) / 0.6745 if third.size else 0.0
-    return max(middle**2 / 20.0, 1e-10 * float(np.var(x)), 1e-20)
+    return max(middle**2 / 20.0, 1e-10 * float(np.var(x)), resolution(x), 1e-20)
 
 
 def walk_gains(s: Signals, noise: NoiseModel) -> np.ndarray:
@@ -155,8 +173,12 @@ class NoiseEvidence:
 
 
 def settled_noise(evidence: NoiseEvidence, noise: NoiseModel, passes: int) -> tuple[NoiseModel, float]:
-    """Variances of greatest restricted likelihood, and minus its logarithm: Newton steps on their logarithms, one by one."""
+    """Variances of greatest restricted likelihood, and minus its logarithm: Newton steps on their logarithms, one by one.
+
+    No variance falls below what the column resolves (``floors``).
+    """
     cost = noise_cost(evidence, noise)
+    least = np.log(floors(evidence.signals, (*noise.outputs, *noise.inputs)))
     for _ in range(passes):
         logs, before = noise.logs, cost
         ahead, behind = np.empty(len(logs)), np.empty(len(logs))
@@ -168,7 +190,7 @@ def settled_noise(evidence: NoiseEvidence, noise: NoiseModel, passes: int) -> tu
         slope, bend = (ahead - behind) / 0.4, (ahead + behind - 2.0 * cost) / 0.04
         step = np.clip(-slope / np.maximum(bend, 0.4 * np.abs(slope) + 1e-3), -2.5, 2.5)
         for share in (1.0, 0.4, 0.1):
-            trial = noise.with_logs(np.clip(logs + share * step, -46.0, 20.0))
+            trial = noise.with_logs(np.clip(logs + share * step, least, 20.0))
             trial_cost = noise_cost(evidence, trial)
             if trial_cost < cost:
                 noise, cost = trial, trial_cost

@@ -15,7 +15,7 @@ class CompatibilitySettings:
     """What a check needs beside the records.
 
     ``airspeed`` (m/s) serves where none is recorded; None leaves the relation of alpha out there. ``gravity`` in m/s2; ``vane_arm`` (m)
-    that is known, a finding comes on top of it.
+    that is known, a finding comes on top of it. ``chord`` (m) scales where sensors usually are; zero where it is not known.
     ``false_alarm``: share of clean sets of records in which anything stands, over all faults together.
     ``most``: faults that may stand together.
     """
@@ -23,6 +23,7 @@ class CompatibilitySettings:
     airspeed: float | None = None
     gravity: float = G0
     vane_arm: float = 0.0
+    chord: float = 0.0
     false_alarm: float = 0.01
     most: int = 3
 
@@ -69,6 +70,7 @@ class SensorFinding:
     ``gain`` of the log likelihood. ``stands``: the fault, or one of its ``group`` (names), is needed. ``replicates``: the records by
     themselves agree; always so for one record. ``lost``: log likelihood lost with it in the place of the nearest that stands, zero for the
     best of a group; None where nothing stands, or where it has been refused.
+    ``probabilities`` of the fault and its group by name: of their likelihoods and of how far sensors usually are from the centre of gravity.
     """
 
     channel: str
@@ -82,6 +84,7 @@ class SensorFinding:
     name: str = ""
     replicates: bool = True
     lost: float | None = None
+    probabilities: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ident.compatibility.fault_sets import FaultSet, charge_of, chosen, clocks, fault_set, grow, leaves_a_reference, needed
 from ident.compatibility.faults import SensorFault
 from ident.compatibility.fitting import Fit, fit
-from ident.compatibility.grouping import Slot, chance_of, same_lateness, slots_of
-from ident.compatibility.result import CompatibilitySettings, SensorFinding
+from ident.compatibility.grouping import Slot, chance_of, probabilities, same_lateness, slots_of
+from ident.compatibility.result import CompatibilitySettings, Quantity, SensorFinding
 from ident.compatibility.trials import Trial, replicates, tried
 
 
@@ -83,7 +83,11 @@ def _searched(
     for group in groups:
         names = [trial.fault.name for trial in group]
         mine = [t for t in group if grouped[t.fault] is t]
-        findings += [_finding(t, tuple(name for name in names if name != t.fault.name), lost.get(t.fault, 0.0), stands=True) for t in mine]
+        sized = [(t.fault, Quantity(t.size + t.fault.offset, math.sqrt(max(t.variance, 0.0))), lost.get(t.fault, 0.0)) for t in group]
+        shares = probabilities(sized)
+        for t in mine:
+            others = tuple(name for name in names if name != t.fault.name)
+            findings.append(replace(_finding(t, others, lost.get(t.fault, 0.0), stands=True), probabilities=shares))
     rest = sorted((trials[fault] for fault in faults if fault not in grouped), key=lambda trial: trial.p_value)
     findings += [_finding(t, (), lost.get(t.fault), stands=False, replicates=t.fault not in refused) for t in rest]
     return Searched(tuple(findings), tuple(trials.values()), current, early)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from ident.recording.finding import Kind
 from ident.recording.motion import Columns, disagreement
 from sim.maths.constants import G0
 
 DEGREES = math.degrees(1.0)
 PACES = {1e-3: "ms", 1e-6: "us"}
+QUICKEST = 5e-4  # s: no recorder of an aircraft's motion takes more than 2000 samples a second
 UNITS = {"alpha": "deg", "q": "deg/s", "theta": "deg"}
 RENAME = "give each column its own name, or a channel map"
 NZ_REMEDY = "name the column nz [m/s2], or say its unit in a channel map"
@@ -44,7 +47,10 @@ def all_readings(columns: Columns) -> list[Reading]:
     pairs += [(name, columns.control_name) for name in names if columns.control is not None]
     for a, b in pairs:
         out.append(_reading(Kind.EXCHANGED, f"{a} and {b}", columns.exchanged(a, b), "are exchanged", RENAME))
+    step = float(np.median(np.diff(columns.time)))
     for factor, unit in PACES.items():
+        if factor * step < QUICKEST:
+            continue
         remedy = f"name the column time [{unit}], or say its unit in a channel map"
         out.append(_reading(Kind.TIME_BASE, "time", columns.times({"time": factor}), f"is in {unit}, not in s", remedy))
     return out

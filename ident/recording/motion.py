@@ -24,6 +24,7 @@ LONGEST = 3000  # rows that a comparison looks at
 HALF = 0.5  # autocorrelation at which a lag is half a rhythm
 FLOOR = 1e-30
 SPARSE = 2  # rows of a lag for a row between two samples of a channel: with fewer, straight lines between them are not the motion
+SHIFTS = (0.0, 0.05, 0.1, 0.2)  # s: delays and lags of sensors
 LATE = 0.3  # s: delays, lags, and arms over the airspeed, which are effects of their own
 
 
@@ -101,6 +102,41 @@ def relations(columns: Columns, lag: int) -> dict[str, tuple[np.ndarray, np.ndar
     if "q" in y and "theta" in y:
         out["theta"] = (moved["theta"], sums["q"])
     return {name: (left - np.mean(left), right - np.mean(right)) for name, (left, right) in out.items()}
+
+
+def unexplained_lift(columns: Columns) -> tuple[float, float] | None:
+    """Share of the load's change that lift leaves, and the number of independent stretches it is seen in; None without alpha or nz.
+
+    nz - nz_0 = a alpha + b delta with a >= |b|: lift rises with the angle of attack, and a surface, which is a part of the wing's or
+    the tail's area, makes less of it per radian than the whole aircraft. Integrals over a lag are compared, since they average the
+    noise of both sides. Either side may be late by up to ``SHIFTS``.
+    """
+    y = columns.outputs
+    if not {"alpha", "nz"} <= set(y):
+        return None
+    lag, step = lag_of(columns), float(np.median(np.diff(columns.time)))
+    control = np.zeros(len(columns.time)) if columns.control is None else columns.control
+    load, flow, surface = (change(integral(columns.time, values - np.mean(values)), lag) for values in (y["nz"], y["alpha"], control))
+    shifts = sorted({min(round(late / step), len(load) // 4) for late in SHIFTS})
+    pairs = [(load[: len(load) - k], flow[k:], surface[: len(load) - k]) for k in shifts]
+    pairs += [(load[k:], flow[: len(load) - k], surface[: len(load) - k]) for k in shifts]
+    return min(_share_of_lift(*each) for each in pairs), len(load) / lag
+
+
+def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> float:
+    """What the best lift leaves of a load: of sums and differences of both angles with factors that are not negative."""
+    load, flow, surface = (values - np.mean(values) for values in (load, flow, surface))
+    power = float(load @ load)
+    if power <= FLOOR:
+        return 0.0
+    both = np.stack([flow + surface, flow - surface])
+    gram, right = both @ both.T, both @ load
+    single = [right[i] ** 2 / gram[i, i] if right[i] > 0.0 and gram[i, i] > FLOOR else 0.0 for i in range(2)]
+    explained = max(single)
+    if np.linalg.det(gram) > FLOOR * max(gram[0, 0] * gram[1, 1], FLOOR):
+        factors = np.linalg.solve(gram, right)
+        explained = float(factors @ right) if np.all(factors > 0.0) else explained
+    return max(1.0 - explained / power, FLOOR)
 
 
 def lag_of(columns: Columns) -> int:

@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from ident.recording.alternatives import DEGREES, NZ_REMEDY, RENAME, UNITS, Reading, all_readings
-from ident.recording.control import control_power, sure
+from ident.recording.control import ControlPower, control_power, sure
 from ident.recording.finding import Certainty, Expectations, Finding, Kind, Number
-from ident.recording.motion import Columns, change, columns_of, disagreement, lag_of
+from ident.recording.motion import FLOOR, SHIFTS, Columns, change, columns_of, disagreement, lag_of, unexplained_lift
 from ident.recording.time_base import SUITS, SUSPECT, wrong_clock
 from sim.record import Channel, Record
 
@@ -30,7 +30,7 @@ NEAR = 3.0  # factor within which a control power is that of the vehicle's data;
 TOGETHER, APART = 0.85, 0.7
 # Rows of a lag: with two, a motion has four samples a period, and of 600 sound light aircraft one was read as in ms.
 RESOLVED = 3
-SHIFTS = (0.0, 0.05, 0.1, 0.2)  # s: delays and lags of sensors
+CHANCE = -2.0 * math.log(1e-3)  # of twice the log likelihood: the level of significance is one in a thousand
 SMALL_ANGLES = ("alpha", "elevator", "beta", "aileron", "rudder")  # in rad, of a motion that linear equations describe
 LARGEST, REACHED = 1.5, 99.0  # rad away from the middle that a hundredth of the samples may reach, and the rest in per cent
 LEVEL = (9.0, 10.7)  # g, of a middle: level flight in m/s2, a little climbing, diving or turning
@@ -113,8 +113,9 @@ def _of_lift(columns: Columns, as_read: float) -> Finding | None:
         return Finding("nz", Kind.SIGN, Certainty.CERTAIN, told, "turn the sign of the column of nz", numbers={"correlation": Number(together, "1")})
     if columns.control is None or together > APART or goes_with_alpha(columns.control) < TOGETHER:
         return None
-    other = max(disagreement(columns.exchanged("nz", columns.control_name)).values())
-    if other > RIGHT or CLEARLY * other > as_read:
+    exchanged = columns.exchanged("nz", columns.control_name)
+    other = max(disagreement(exchanged).values())
+    if other > RIGHT or CLEARLY * other > as_read or not _likelier(unexplained_lift(columns), unexplained_lift(exchanged)):
         return None
     name = columns.control_name
     told = f"are exchanged: the column of {name} goes with alpha, that of nz does not, and the kinematics hold so"
@@ -139,18 +140,69 @@ def _best(columns: Columns, as_read: float, expected: Expectations) -> Finding |
     readings = sorted((one for one in all_readings(columns) if one.left < _right(one, columns)), key=lambda one: one.left)
     best = readings[0] if readings else None
     if best is not None and as_read > WRONG and best.left * CLEARLY < as_read:
-        rivals = [one for one in readings[1:] if one.left < CLEARLY * best.left]
-        if rivals:
-            best, rivals = _by_control([best, *rivals], expected)
+        near = [best, *(one for one in readings[1:] if one.left < CLEARLY * best.left)]
+        possible = [one for one in near if _implausible_as_read(one, columns, expected) is not False]
+        if not possible:
+            return wrong_clock(columns, as_read, expected)
+        best, rivals = _by_control(possible, expected) if len(possible) > 1 else (possible[0], [])
         numbers = {"unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(best.left, "1")}
         what = f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion unexplained, read so {_percent(best.left)}"
         # Without alpha nz stands for it, which an accelerometer off the centre of gravity does badly: only a sign is beyond that.
         plain = ("alpha" in columns.outputs or best.kind is Kind.SIGN) and lag_of(columns) >= RESOLVED
-        certainty = Certainty.CERTAIN if plain else Certainty.LIKELY
+        shown = _implausible_as_read(best, columns, expected) is not None
+        certainty = Certainty.CERTAIN if plain and shown else Certainty.LIKELY
         if rivals:
             what += f"; or {' or '.join(f'{one.channel} {one.sentence}' for one in rivals[:2])}"
         return Finding(best.channel, best.kind, certainty, what, best.remedy, numbers=numbers)
     return wrong_clock(columns, as_read, expected)
+
+
+def _implausible_as_read(reading: Reading, columns: Columns, expected: Expectations) -> bool | None:
+    """Whether columns that a reading exchanges or turns are also implausible by what kinematics do not use; None where nothing else is known.
+
+    A sensor that is wrong, or a gust, spoils the kinematics too, and a controller makes an elevator in the shape of what it feeds back:
+    that the kinematics hold for another column is not enough. Lift decides on alpha, nz and the control, the pitch acceleration that
+    the control makes on the pitch rate and the control.
+    """
+    names, exchange = set(reading.channel.split(" and ")), reading.kind is Kind.EXCHANGED
+    if not exchange and reading.kind is not Kind.SIGN:
+        return True
+    lift = unexplained_lift(columns)
+    if lift is not None and names & {"alpha", "nz"} and names != {"alpha", "nz"}:  # the law of lift is the same for these two exchanged
+        return _likelier(lift, unexplained_lift(reading.columns))
+    by_control = exchange and columns.control_name in names
+    if not by_control and "q" not in names:
+        return True
+    (here, power), (there, other) = (_pitching(some, expected) for some in (columns, reading.columns))
+    if here is not None and there is not None and here is not there:
+        return there
+    if not by_control:
+        return True
+    if power is None or other is None or "q" not in names:
+        return None
+    count = len(columns.time) / lag_of(columns)
+    return _likelier((1.0 - power.explained, count), (1.0 - other.explained, count))
+
+
+def _pitching(columns: Columns, expected: Expectations) -> tuple[bool | None, ControlPower | None]:
+    """Whether the control has the power that the vehicle's data say, None where it cannot be relied on; and that power."""
+    found = control_power(columns)
+    if found is None or not sure(found) or not expected.control_power:
+        return None, found
+    return _fits(found.value, expected), found
+
+
+def _fits(power: float, expected: Expectations) -> bool:
+    """Whether a control power is that of the vehicle's data, or at least of its sign where only that is known."""
+    ratio = power / expected.control_power if expected.control_power else 0.0
+    return 1.0 / NEAR < ratio < NEAR or (ratio > 0.0 and not expected.angular_control)
+
+
+def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | None) -> bool:
+    """Whether the second share of what is left is smaller beyond chance; with each the number of independent stretches."""
+    if before is None or after is None:
+        return False
+    return min(before[1], after[1]) * math.log(max(before[0], FLOOR) / max(after[0], FLOOR)) > CHANCE
 
 
 def _right(reading: Reading, columns: Columns) -> float:
@@ -164,9 +216,7 @@ def _by_control(rivals: Sequence[Reading], expected: Expectations) -> tuple[Read
         return rivals[0], list(rivals[1:])
     fitting = []
     for one in rivals:
-        found = control_power(one.columns)
-        ratio = found.value / expected.control_power if found is not None and sure(found) else 0.0
-        if 1.0 / NEAR < ratio < NEAR or (ratio > 0.0 and not expected.angular_control):
+        if _pitching(one.columns, expected)[0]:
             fitting.append(one)
     kept = fitting or list(rivals)
     return kept[0], kept[1:]

@@ -31,6 +31,7 @@ from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, measured_
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out, with_held_out_change
 from ident.tracing.verdict import Judgement, judge, residual_tests
 from ident.tracing.witness import Witness, silent
+from ident.whole_record.failed_fit import failed_fit
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.errors import ModelError
@@ -106,13 +107,27 @@ class Stopwatch:
 
 
 def fit_declared(problem: TraceProblem) -> Declared:
-    """Fit the declared model, mend recorded inputs, set provisional spikes aside."""
+    """Fit the declared model, mend recorded inputs, set provisional spikes aside.
+
+    Raises
+    ------
+    ModelError : no finite cost, or a fit that has failed (``ident.whole_record.failed_fit``).
+    """
     problem.progress("fitting the declared model", 0.0)
     ledger, root = fit(Ledger(problem), (), None)
     if root is None:
         raise ModelError(
             "the declared model has no finite cost on these records", where=problem.records[0].name, remedy="check units and starting values"
         )
+    values = {item.name: item.value for item in problem.model.parameters if item.free}
+    why, remedy = failed_fit(root.fit, values)
+    if why:  # a second attempt from where the first one ended
+        ledger, further = fit(ledger, (), root)
+        root = further or root
+        why, remedy = failed_fit(root.fit, values)
+    if why:
+        names = ", ".join(dict.fromkeys(record.name for record in problem.records))
+        raise ModelError(f"the fit of the declared model has failed: {why}", where=names, remedy=remedy)
     problem, root, spikes, steps = cleaned_inputs(problem, root)
     masked = Ledger(problem.with_masks(spike_masks(problem, root)), steps=tuple(steps), spent=ledger.spent)
     masked, again = fit(masked, (), root)

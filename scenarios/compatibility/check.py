@@ -116,7 +116,9 @@ def check_files(request: Request) -> Check:
 
 def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
     """The constants that the kinematics use."""
-    settings = CompatibilitySettings(airspeed=_airspeed_of(vehicle), vane_arm=vehicle.constants.get("vane_arm", 0.0))
+    settings = CompatibilitySettings(
+        airspeed=_airspeed_of(vehicle), vane_arm=vehicle.constants.get("vane_arm", 0.0), chord=vehicle.constants.get("chord", 0.0)
+    )
     return replace(settings, gravity=vehicle.constants["gravity"]) if "gravity" in vehicle.constants else settings
 
 

@@ -101,6 +101,7 @@ def _finding(item: SensorFinding) -> dict[str, Any]:
         "stands": item.stands,
         "group": list(item.group),
         "replicates": item.replicates,
+        **({"probabilities": dict(item.probabilities)} if len(item.probabilities) > 1 else {}),
         **({"lost": item.lost} if item.lost is not None and math.isfinite(item.lost) else {}),
     }
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from ident.compatibility.faults import PACKAGE, VANES
+from ident.compatibility.faults import BOOM, PACKAGE, VANES
 from ident.compatibility.result import CheckResult, SensorEstimate, SensorFinding
 from scenarios.compatibility.check import Check, equivalent_constant, noise_levels
 from scenarios.preparation.record_words import record_lines
@@ -83,6 +83,7 @@ def finding_lines(check: Check) -> list[str]:
             said |= {finding.name, *finding.group}
             other = equivalent_constant(check, finding)
             lines.append(f"stands: {sentence(finding)}{f'; {other}' if other else ''}")
+            lines += [said_of] if (said_of := odds(finding, result.findings)) else []
         elif not finding.replicates:
             lines.append(f"does not replicate: {finding.name}, the records by themselves disagree")
     if len(result.single) > 1:
@@ -98,6 +99,21 @@ def finding_lines(check: Check) -> list[str]:
         if item.told and not item.agrees:
             lines.append(f"the two methods disagree on {item.name} by {abs(item.difference):.1f} sigmas: trust neither")
     return lines
+
+
+def odds(finding: SensorFinding, findings: Sequence[SensorFinding]) -> str:
+    """Probabilities and sizes of a finding and of what would do as well, where one is an arm: how far sensors usually are off then counts."""
+    by_name = {item.name: item for item in findings} | {finding.name: finding}
+    known = [(by_name[name], share) for name, share in finding.probabilities.items() if name in by_name]
+    if len(known) < 2 or not any(item.kind in PLACES for item, _ in known):
+        return ""
+    shown = [f"{_share(share)} that {what_it_is(item)}" for item, share in sorted(known, key=lambda pair: -pair[1])]
+    prior = "a vane is metres ahead, an accelerometer within half a chord or a metre of the centre of gravity"
+    return f"probabilities, as {prior}: {'; '.join(shown)}"
+
+
+def _share(share: float) -> str:
+    return "< 0.1 %" if share < 1e-3 else "> 99.9 %" if share > 0.999 else f"{100.0 * share:.1f} %"
 
 
 def sentence(finding: SensorFinding) -> str:
@@ -121,6 +137,8 @@ def what_it_is(finding: SensorFinding) -> str:
 def _sensor(channel: str) -> str:
     if channel == PACKAGE:
         return "the accelerometers are"
+    if channel == BOOM:
+        return "the vanes on their boom are"
     if channel in ("alpha", "nz"):
         return "the vane is" if channel == "alpha" else "the accelerometer is"
     return f"the {'vane' if channel in VANES else 'accelerometer'} of {channel} is"

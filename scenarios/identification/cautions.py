@@ -9,9 +9,11 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from ident.filters.coloured_innovations import coloured_innovations
 from ident.statistics.contradictions import contradiction, shortfall
+from ident.whole_record.failed_fit import UNDETERMINED, failed_simulation, none_determined
 from scenarios.files.vehicles import VehicleFile
 from scenarios.studies.rows import Row
 from scenarios.terminal.numbers import number
+from sim.record import Record
 
 # Models whose declared derivatives are knowledge; the ballistic coefficient of an unknown body is a mere start.
 AIRCRAFT = ("rigid", "flexible", "loes", "lateral", "longitudinal")
@@ -31,6 +33,22 @@ def cautions_of(vehicle: VehicleFile, estimate: Estimate, rows: Sequence[Row]) -
     if vehicle.model in AIRCRAFT:
         told += [said] if (said := contradicted(rows, vehicle.derivatives)) else []
     return tuple(told)
+
+
+def failed(records: Sequence[Record], estimate: Estimate, rows: Sequence[Row], declared: Mapping[str, float]) -> tuple[str, ...]:
+    """A sentence where an estimate by free simulation is none: it runs away, explains nothing, or determines no derivative."""
+    measured, left = [], []
+    for i, name in enumerate(estimate.output_names):
+        of = [(record[name], row[i]) for record, row in zip(records, estimate.fitted, strict=False) if name in record.output_names]
+        known = [(channel.values[channel.valid], row[channel.valid]) for channel, row in of if np.any(channel.valid)]
+        measured.append(np.concatenate([z - np.mean(z) for z, _ in known] or [np.zeros(1)]))
+        left.append(np.concatenate([z - y for z, y in known] or [np.zeros(1)]))
+    units = {name: next(r[name].unit for r in records if name in r.output_names) for name in estimate.output_names}
+    why = failed_simulation(units, measured, left) if len(estimate.fitted) == len(records) else ""
+    if not why and none_determined((row.std, declared[row.name]) for row in rows if row.name in declared):
+        why = UNDETERMINED
+    remedy = "check units, signs and declared values, cut the record to single maneuvers, or use --method filter-error or equation-error"
+    return (f"the fit has failed: {why}; {remedy}",) if why else ()
 
 
 def coloured(estimate: Estimate) -> str:

@@ -175,7 +175,7 @@ def _read_otherwise(
 ) -> tuple[Prepared, Identification]:
     """The identification under the reading of its inputs that the data choose, with what the other one changes where they do not choose.
 
-    The first reading was chosen by short fits, before wild points were set aside; inputs that a computer steps stay held.
+    The first reading was chosen before wild points were set aside; inputs that a computer steps stay held.
     """
     used = found.record.hold
     other_ready, other = again(opposite(used), replace(options, profile=None))

@@ -30,7 +30,13 @@ def weighed(model: Model, records: Sequence[Record], outputs: Sequence[str]) -> 
     if ATTITUDE not in {signal.name for signal in model.equations.inputs}:
         return model, ""
     wider = with_weight(model)
-    gain = better_by((model, list(records)), (wider, list(records)), outputs, local=[PATH])
+    found = better_by((model, list(records)), (wider, list(records)), outputs, local=[PATH])
+    gain = found.gain
+    if found.why_open:
+        return (
+            model,
+            f"the pitch attitude is measured and not used: fits with and without the weight along the flight path decide nothing ({found.why_open})",
+        )
     if gain < BETTER:
         return (
             model,

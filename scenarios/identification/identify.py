@@ -20,7 +20,7 @@ from scenarios.identification.assessment.bounds import tied_rows, within_bounds
 from scenarios.identification.assessment.intervals import profiled
 from scenarios.identification.assessment.prediction import RecordFit, record_fits
 from scenarios.identification.assessment.training import trained_by
-from scenarios.identification.cautions import cautions_of
+from scenarios.identification.cautions import cautions_of, failed
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.frequency import chosen_band, delays_of
 from scenarios.identification.gravity import PATH, weighed, without_theta
@@ -95,7 +95,11 @@ def identify(
         tests,
         tuple(others),
         notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
-        cautions=(*cautions_of(vehicle, estimate, rows), *sigma_cautions(records, estimate, compiled, tests, [PATH])),
+        cautions=(
+            *(failed(records, estimate, rows, vehicle.derivatives) if method in SIMULATED else ()),
+            *cautions_of(vehicle, estimate, rows),
+            *sigma_cautions(records, estimate, compiled, tests, [PATH]),
+        ),
         modes=characteristics(system, flown, SLOW) if airborne else None,
         system=system,
         tied=tied_rows(bounded, estimate),

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.estimate import Outcome
 from ident.statistics.coloured_covariance import effective_share
 from ident.tracing.spikes.detection import input_edges, isolated_wrong
 from ident.whole_record.best_start import fits_at_their_least
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
+from scenarios.preparation.plan import MEASURED_MOTION
+from scenarios.preparation.trim import about_trim, of_totals, trim_sentence
 from scenarios.preparation.vehicle_model import outputs_with_bias, step_for
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.record import Hold, Record
+from sim.record import Channel, Hold, Record
 
 BETTER = 10.0  # of twice the log likelihood, in samples that count as independent, from which a reading is no chance
 AGAINST = 2.0  # the same of one record, beyond which it contradicts
-SETTINGS = FitSettings(max_step=0.02, iterations=20, enough=0.5, coloured=False)
+SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)  # within a half of the log likelihood of the minimum
 BEYOND = 1e50
 LARGEST = 3000  # samples that the comparison looks at
 UNMOVED = 0.7  # of an input's steps: where so many are nothing at all, a computer may have held it
@@ -27,16 +30,31 @@ IN_PASSING = 0.5  # of the other steps: where so many follow one another, a hand
 Reading = tuple[Model, list[Record]]
 
 
-def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: float = 0.0, local: Collection[str] = ()) -> float:
+@dataclass(frozen=True)
+class Compared:
+    """How two readings of the same records compare.
+
+    ``gain``: twice the log likelihood by which the second fits better, in effective samples; zero where the fits leave the question
+    open. ``why_open``: why they do; empty where they decide.
+    """
+
+    gain: float
+    why_open: str = ""
+
+
+def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: float = 0.0, local: Collection[str] = ()) -> Compared:
     """Twice the log likelihood by which the second reading fits better than the first, in effective samples.
 
-    Zero where one cannot be fitted or has no fewer unknowns than samples, and where a record by itself speaks against the sum of all: an
-    effect that the model lacks may favour the wrong reading in one maneuver, a right one is right in all. Zero too where no
-    channel's residual falls by the share ``least``. ``local`` are parameters of which each record has its own. Isolated wrong samples, which would
-    outweigh all others in either residual, are left out.
+    The question is left open where a fit has not converged or has a bias that no sensor and no trim has (``implausible_bias``): what
+    such a fit leaves says nothing of its reading. It is left open too where one cannot be fitted or has no fewer unknowns than
+    samples, and where a record by itself speaks against the sum of all: an effect that the model lacks may favour the wrong reading in
+    one maneuver, a right one is right in all. The gain is zero where no channel's residual falls by the share ``least``. ``local`` are
+    parameters of which each record has its own. Isolated wrong samples, which would outweigh all others in either residual, are left
+    out. Controls count from their trim (``from_trim``).
     """
     if any(np.max(np.abs(channel.values)) > BEYOND for record in first[1] for channel in record.channels):
-        return 0.0  # no measurement; whoever fits it says so
+        return Compared(0.0, "a number is beyond all measure")  # whoever fits it says so
+    first, second = ((model, [from_trim(record, model) for record in some]) for model, some in (first, second))
     old, new = fits_at_their_least(_layout(first, outputs, local), _layout(second, outputs, local))
     wild = _wild(old, new)
     if any(np.any(mask) for mask in wild):
@@ -45,13 +63,59 @@ def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: fl
         )
         old, new = fits_at_their_least(_layout(first, outputs, local), _layout(second, outputs, local))
     if old is None or new is None or not np.all(np.isfinite([*old.variance, *new.variance])) or min(*old.variance, *new.variance) <= 0.0:
-        return 0.0
+        return Compared(0.0, "a fit has no finite likelihood")
     if any(fit.counts.sum() <= len(fit.theta) for fit in (old, new)):
-        return 0.0  # as many unknowns as samples: both readings fit, and what is left is rounding
+        return Compared(0.0, "as many unknowns as samples")  # both readings fit, and what is left is rounding
+    if why := _undecided(old, first) or _undecided(new, second):
+        return Compared(0.0, why)
     if np.min(new.variance / old.variance) > (1.0 - least) ** 2:
-        return 0.0
+        return Compared(0.0)
     known = [problem.valid for problem in old.layout.problems]
-    return likelier_by(old.residuals, new.residuals, known)
+    return Compared(likelier_by(old.residuals, new.residuals, known))
+
+
+def from_trim(record: Record, model: Model) -> Record:
+    """The record with its controls counted from their trim, or from their mean where no rest at the beginning tells it.
+
+    Derivatives of equations of perturbations do not notice; biases do, which else stand for the motion that the trim deflection would
+    make. Equations of totals keep their inputs.
+    """
+    if of_totals(model):
+        return record
+    trimmed, _ = about_trim(record)
+    centred = [
+        channel
+        if channel.name in MEASURED_MOTION or not trim_sentence(trimmed, channel.name)
+        else Channel.of(channel.name, channel.unit, channel.values - np.mean(channel.values))
+        for channel in trimmed.inputs
+    ]
+    return replace(trimmed, inputs=tuple(centred)) if centred != list(trimmed.inputs) else trimmed
+
+
+def implausible_bias(value: float, measured: np.ndarray) -> bool:
+    """Whether the bias of an output of perturbations cannot be its reading at trim, ``measured (N,)`` being its samples.
+
+    With controls about their trim an aircraft moves about its trim: that lies between the channel's extremes, or beyond them by no more
+    than the motion between them where the record shows one side of the motion only.
+    """
+    low, high = float(np.min(measured)), float(np.max(measured))
+    return not low - (high - low) <= value <= high + (high - low)
+
+
+def _undecided(fit: Fit, reading: Reading) -> str:
+    """Why a fit says nothing of its reading; empty where it does."""
+    if fit.outcome is not Outcome.CONVERGED:
+        return "a fit has not converged"
+    if of_totals(reading[0]):
+        return ""
+    for r, problem in enumerate(fit.layout.problems):
+        known, _ = fit.layout.split(fit.theta, r)
+        values = dict(zip(fit.layout.system.parameters.names, known.tolist(), strict=True))
+        for i, name in enumerate(fit.layout.system.output_names):
+            bias = values.get(f"bias_{name}", 0.0)
+            if np.any(problem.valid[i]) and f"bias_{name}" in values and implausible_bias(bias, problem.z[i, problem.valid[i]]):
+                return f"a fit needs a bias of {name} of {bias:.3g} {reading[1][r][name].unit}, beyond all that it reads"
+    return ""
 
 
 def _wild(*fits: Fit | None) -> list[np.ndarray]:
@@ -116,7 +180,7 @@ def linear_by(records: Sequence[Record], model: Model, read: Callable[[Model, li
         return 0.0
     some = _some(records)
     outputs = _outputs(some, model)
-    return better_by(read(model, with_hold(some, Hold.PREVIOUS)), read(model, with_hold(some, Hold.LINEAR)), outputs) if outputs else 0.0
+    return better_by(read(model, with_hold(some, Hold.PREVIOUS)), read(model, with_hold(some, Hold.LINEAR)), outputs).gain if outputs else 0.0
 
 
 def _layout(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> FitLayout:

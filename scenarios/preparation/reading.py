@@ -234,10 +234,11 @@ def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
     if not any(flow is not None and _varies(flow) for flow in flows):
         return True, []
     outputs = [signal.name for signal in model.equations.outputs if any(signal.name in record.output_names for record in fitted)]
-    gain = better_by(with_flow(model, fitted), with_flow(model, fitted, weight=False), outputs, PLAIN)
-    if gain < BETTER:
-        return True, ["the lift that carries the weight follows the measured pressure"]
-    return False, [f"the lift that carries the weight is left out: perturbations alone fit better (twice the log likelihood {gain:.1f})"]
+    found = better_by(with_flow(model, fitted), with_flow(model, fitted, weight=False), outputs, PLAIN)
+    if found.gain < BETTER:
+        undecided = f" (as in flight; fits do not decide it: {found.why_open})" if found.why_open else ""
+        return True, [f"the lift that carries the weight follows the measured pressure{undecided}"]
+    return False, [f"the lift that carries the weight is left out: perturbations alone fit better (twice the log likelihood {found.gain:.1f})"]
 
 
 def _varies(flow: Flow) -> bool:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.compatibility.faults import PACKAGE, SensorFault
+from ident.compatibility.faults import BOOM, PACKAGE, SensorFault
 from ident.compatibility.fitting import Fit
 from ident.compatibility.instruments import instruments_of
 from ident.compatibility.noise import smoothed_walk
@@ -59,7 +59,7 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
         notes.append(LEVEL)
     together = len(signals) > 1
     base = fit(signals)
-    faults = faults_of(signals[0])
+    faults = faults_of(signals[0], settings.chord)
     found = search(signals, base, faults, settings)
     estimates, findings = estimates_and_findings(found)
     final = found.lines.found
@@ -107,7 +107,8 @@ def _notes(found: Searched, signals: Sequence[Signals]) -> list[str]:
 def _untold(found: Searched, s: Signals) -> tuple[str, ...]:
     faults = (*found.lines.faults, *found.lines.biases)
     size = np.array([fault.plausible for fault in faults])
-    channels = (*s.channels, *([PACKAGE] if any(fault.channel == PACKAGE for fault in faults) else []), "wind")
+    several = [name for name in (PACKAGE, BOOM) if _has_fault(name, faults)]
+    channels = (*s.channels, *several, "wind")
     return untold(found.lines.free * np.outer(size, size), faults, [name for name in channels if _has_fault(name, faults)])
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ident.compatibility.estimates import difference_in_sigmas
 from ident.compatibility.fault_sets import charge_of
 from ident.compatibility.faults import DELAY, DRIFT, LAG, SensorFault
-from ident.compatibility.grouping import chance_of, same_lateness
+from ident.compatibility.grouping import chance_of, probabilities, same_lateness
 from ident.compatibility.result import Quantity, SensorEstimate, SensorFinding
 from ident.compatibility.six_degrees.fitting import fit
 from ident.compatibility.six_degrees.linear import Normal, added, by_output_error, linear
@@ -33,10 +33,11 @@ def estimates_and_findings(found: Searched) -> tuple[tuple[SensorEstimate, ...],
     findings, said = [], set()
     for group in found.groups:
         names = [faults[j].name for j, _ in group]
+        shares = probabilities([(faults[j], estimates[j].smoother, loss) for j, loss in group])
         for j, loss in group:
             if j not in said and stood[j][0] == group[0][0]:
                 others = tuple(name for name in names if name != faults[j].name)
-                findings.append(_finding(estimates[j], faults[j], others, loss, stands=True))
+                findings.append(replace(_finding(estimates[j], faults[j], others, loss, stands=True), probabilities=shares))
                 said.add(j)
     rest = sorted((j for j in found.common if j not in said), key=lambda j: estimates[j].p_value)
     findings += [replace(_finding(estimates[j], faults[j], (), lost[j], stands=False), replicates=j not in found.refused) for j in rest]

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.compatibility.faults import ARM, BELOW, BIAS, PACKAGE, RIGHT, SCALE
+from ident.compatibility.faults import ARM, BELOW, BIAS, BOOM, PACKAGE, RIGHT, SCALE
 from ident.compatibility.kinematics import Values, increments, middle, samples, shown, summed
 from ident.compatibility.signals import Signals
 from ident.compatibility.six_degrees.channels import load_on
@@ -83,7 +83,7 @@ def _at_vane(
     s: Signals, name: str, angle: np.ndarray, value: Values, rates: dict[str, np.ndarray], speed: np.ndarray, *, back: bool = False
 ) -> np.ndarray:
     """A flow angle where its vane is, from that at the centre of gravity; ``back``: the other way."""
-    ahead = value(name, ARM) + (s.vane_arm if name == "alpha" else 0.0)
+    ahead = value(name, ARM) + value(BOOM, ARM) + (s.vane_arm if name == "alpha" else 0.0)
     terms = {"alpha": (("q", -ahead), ("p", value(name, RIGHT))), "beta": (("r", ahead), ("p", -value(name, BELOW)))}.get(name, ())
     for rate, arm in terms:
         if rate in rates and np.any(arm):

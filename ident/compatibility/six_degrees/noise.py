@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.compatibility.noise import NoiseModel, inputs_of, roughness, walk_gains
+from ident.compatibility.noise import NoiseModel, floors, inputs_of, roughness, walk_gains
 from ident.compatibility.signals import Signals, differences
 
 _RATIOS = np.logspace(-6.0, 4.0, 21)  # walk over one second squared to white variance, times the step: the whole range there can be
@@ -54,6 +54,8 @@ def settled_noise(signals: Sequence[Signals], residuals: Sequence[np.ndarray], c
         elif rest > 0:
             factor = walk[i] / (walk[i] - rest)
             density[np.flatnonzero(gains[i])] *= factor
+    # A record cannot show less noise than its columns resolve.
+    white, density = np.maximum(white, floors(signals, begun.outputs)), np.maximum(density, floors(signals, begun.inputs))
     return NoiseModel(begun.outputs, begun.inputs, white, density)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from ident.compatibility.fault_sets import TIE, charge_of
 from ident.compatibility.faults import DRIFT, SensorFault
 from ident.compatibility.fitting import Fit
-from ident.compatibility.grouping import chance_of, same_lateness
+from ident.compatibility.grouping import chance_of, same_lateness, same_trace
 from ident.compatibility.instruments import instrumented
 from ident.compatibility.result import CompatibilitySettings
 from ident.compatibility.signals import Signals
@@ -75,10 +75,10 @@ def _settled(
     """Sets chosen and fitted in turn until the same one comes again, and once more from another way to be late where that is likelier; with what is
     lost with each such way (``_late_instead``)."""
     lines, members, ahead = _in_turn(signals, base, (), faults, among, charge, most, early)
-    likeliest, lateness = _late_instead(signals, lines.found, members, faults, among)
+    likeliest, lateness = _late_instead(signals, lines, members, among)
     if likeliest[1] != members:
         lines, members, ahead = _in_turn(signals, *likeliest, faults, among, charge, most, early)
-        _, lateness = _late_instead(signals, lines.found, members, faults, among)
+        _, lateness = _late_instead(signals, lines, members, among)
     return lines, members, ahead, lateness
 
 
@@ -125,18 +125,23 @@ def _secant(size: float) -> float:
 
 
 def _late_instead(
-    signals: Sequence[Signals], found: Fit, members: Sequence[int], faults: Sequence[SensorFault], among: Sequence[int]
+    signals: Sequence[Signals], lines: Linear, members: Sequence[int], among: Sequence[int]
 ) -> tuple[tuple[Fit, tuple[int, ...]], dict[tuple[int, int], float]]:
-    """The likeliest of a set and of those with another way to be late in the place of one, and what is lost with each of these: by the two places.
+    """The likeliest of a set and of those with another way to be late, or the arm of the same trace, in the place of one, and what is lost with
+    each of these: by the two places. What is known of sizes beforehand counts.
 
     To first order they would be compared under the noise of the one that stands, which has taken for noise what it does not explain, and as if
     both acted: a late reading of what an arm adds is no small thing.
     """
-    pairs = [(place, j) for place, i in enumerate(members) for j in among if j not in members and same_lateness(faults[i], faults[j])]
+    found, faults = lines.found, lines.faults
+    places = [(place, i, j) for place, i in enumerate(members) for j in among if j not in members]
+    pairs = [(place, j) for place, i, j in places if same_lateness(faults[i], faults[j]) or same_trace(faults[i], faults[j])]
     sets = [tuple(members), *((*members[:place], j, *members[place + 1 :]) for place, j in pairs)]
     fits = [found, *(fit(signals, [faults[k] for k in chosen], found) for chosen in sets[1:])]
     left = likelihoods(fits) if pairs else np.zeros(1)
-    best = int(np.argmin(left))
+    widening = float(np.mean(fitted(lines.joint, faults, np.array([list(members)]), early=False).widening)) if pairs else 1.0
+    known = [sum(float(fault.surprise(size, 0.0)) for fault, size in zip(each.faults, each.sizes.tolist(), strict=True)) for each in fits]
+    best = int(np.argmin(left + widening * np.array(known)))
     return (fits[best], sets[best]), {(members[place], j): float(lost) for (place, j), lost in zip(pairs, left[1:] - left[0], strict=True)}
 
 
@@ -200,7 +205,10 @@ def alike(
     sets = fitted(lines.joint, lines.faults, np.array([_instead(members, i, j) for j in rivals]).reshape(len(rivals), -1), early=False)
     own = fitted(lines.joint, lines.faults, np.array([_instead(members, i, i)]), early=False)
     losses = own.gain[0] - sets.gain + TIE * np.array([lines.faults[j].rare for j in rivals])
-    losses = np.array([max(lateness[i, j], 0.0) if (i, j) in lateness else lost for j, lost in zip(rivals, losses.tolist(), strict=True)])
+    full = {j: lateness[i, j] for j in rivals if (i, j) in lateness}
+    # Of two arms of one trace the records may prefer the less common one.
+    least = [-np.inf if same_trace(lines.faults[i], lines.faults[j]) else 0.0 for j in rivals]
+    losses = np.array([max(full.get(j, lost), low if j in full else lost) for j, lost, low in zip(rivals, losses.tolist(), least, strict=True)])
     return {rivals[k]: float(losses[k]) for k in np.argsort(losses) if losses[k] <= chance and sets.sound[k]}
 
 

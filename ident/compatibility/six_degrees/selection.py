@@ -71,6 +71,8 @@ def fitted(normal: Normal, faults: Sequence[SensorFault], members: np.ndarray, *
 def best_set(normal: Normal, faults: Sequence[SensorFault], among: Sequence[int], charge: float, most: int, *, early: bool) -> tuple[Sets, int]:
     """The set, and its row, of greatest gain over the colour of what is left less ``charge`` for each fault, each of them needed.
 
+    Arms count by how far such sensors usually are from the centre of gravity, too (``SensorFault.surprise``).
+
     All sets of up to two faults are compared, and those of three that hold one of the better pairs or are made of the better faults.
     """
     found = [fitted(normal, faults, np.zeros((1, 0), dtype=int), early=early)]
@@ -114,11 +116,18 @@ def _judged(found: Sequence[Sets], faults: Sequence[SensorFault], charge: float)
     chosen, least = (found[0], 0), 0.0
     for sets in found[1:]:
         score = charge * sets.members.shape[1] - sets.gain / widening + TIE * (sets.early + rare[sets.members].sum(axis=1))
+        score = score + surprises(sets, faults)
         score = np.where(sets.sound | sets.early, score, np.inf)
         row = int(np.argmin(score))
         if score[row] < least:
             chosen, least = (sets, row), float(score[row])
     return chosen
+
+
+def surprises(sets: Sets, faults: Sequence[SensorFault]) -> np.ndarray:
+    """Log likelihood ``(M,)`` that each set loses by what is known of the sizes of its faults."""
+    spread = np.array([fault.spread for fault in faults])[sets.members]
+    return np.asarray(np.sum(0.5 * sets.sizes**2 / (spread**2 + sets.variances), axis=1))
 
 
 def _is_load_time(fault: SensorFault) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.compatibility.faults import ARM, BELOW, BIAS, DELAY, DRIFT, LAG, PACKAGE, RIGHT, SCALE, SensorFault
+from ident.compatibility.faults import ARM, BELOW, BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, RIGHT, SCALE, SensorFault
 from ident.compatibility.kinematics import Values
 from ident.compatibility.signals import Signals
 from ident.compatibility.six_degrees.channels import HEIGHTS, load_on
@@ -49,8 +49,8 @@ def start_of(s: Signals, unknowns: Sequence[Unknown]) -> np.ndarray:
     return out
 
 
-def faults_of(s: Signals) -> tuple[SensorFault, ...]:
-    """All faults that the sensors of a record may have; biases are unknowns of each record."""
+def faults_of(s: Signals, chord: float = 0.0) -> tuple[SensorFault, ...]:
+    """All faults that the sensors of a record may have, of an aircraft of that chord (m); biases are unknowns of each record."""
     channels = tuple(s.channels)
     out = [SensorFault(name, kind) for name in channels for kind in (SCALE, DELAY, LAG, DRIFT)]
     felt: dict[str, list[str]] = {"alpha": [ARM, RIGHT], "beta": [ARM, BELOW]}
@@ -60,11 +60,13 @@ def faults_of(s: Signals) -> tuple[SensorFault, ...]:
             felt[name] = kinds
     if sum(name is not None for name in loads.values()) > 1:
         felt[PACKAGE] = [ARM, RIGHT, BELOW]
-    rates = {"alpha": {ARM: "q", RIGHT: "p"}, "beta": {ARM: "r", BELOW: "p"}, PACKAGE: {ARM: "qr", RIGHT: "pr", BELOW: "pq"}}
+    if {"alpha", "beta"} <= set(channels):
+        felt[BOOM] = [ARM]
+    rates = {BOOM: {ARM: "qr"}, "alpha": {ARM: "q", RIGHT: "p"}, "beta": {ARM: "r", BELOW: "p"}, PACKAGE: {ARM: "qr", RIGHT: "pr", BELOW: "pq"}}
     rates |= dict(zip((loads[axis] or "" for axis in "xyz"), ({RIGHT: "r", BELOW: "q"}, {ARM: "r", BELOW: "p"}, {ARM: "q", RIGHT: "p"}), strict=True))
     for name, kinds in felt.items():
-        if name in channels or name == PACKAGE:
-            out += [SensorFault(name, kind) for kind in kinds if any(rate in channels for rate in rates[name][kind])]
+        if name in channels or name in (PACKAGE, BOOM):
+            out += [SensorFault(name, kind, chord) for kind in kinds if any(rate in channels for rate in rates[name][kind])]
     return tuple(out)
 
 

@@ -7,8 +7,13 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.io import loadmat
 
+from ident.compatibility.check import compatibility
+from ident.compatibility.result import CompatibilitySettings
+from sim.record import Channel, Record
 from tests.integration.command_line import CommandLine
 
 ROOT = Path(__file__).parents[3]
@@ -85,3 +90,51 @@ def test_maneuvers_of_measured_flights(flightid: CommandLine, tmp_path: Path, na
     assert [(each["axis"], each["kind"]) for each in moves] == [(axis, kind) for axis, kind, _, _ in FLOWN[name]]
     for each, (_, _, start, end) in zip(moves, FLOWN[name], strict=True):
         assert [each["start"], each["end"]] == pytest.approx([start, end], abs=0.3)
+
+
+def attas(name: str, columns: dict[str, tuple[int, str, float]]) -> list[Record]:
+    """The two parts of a record, before and after its gap: outputs by column number, unit and factor."""
+    (rows,) = [value for key, value in loadmat(present(f"{name}.mat")).items() if not key.startswith("_")]
+    cuts = np.flatnonzero(np.diff(rows[:, 0]) > 1.0) + 1
+    control = ("aileron", "rad", np.radians(rows[:, 27] - rows[:, 28]) / 2.0), ("rudder", "rad", np.radians(rows[:, 29]))
+    out = []
+    for k, part in enumerate(np.split(np.arange(len(rows)), cuts)):
+        inputs = tuple(Channel.of(each, unit, values[part]) for each, unit, values in control)
+        outputs = tuple(Channel.of(each, unit, factor * rows[part, at]) for each, (at, unit, factor) in columns.items())
+        out.append(Record(rows[part, 0] - rows[part[0], 0], inputs, outputs, name=f"{name}-{k}"))
+    return out
+
+
+RADIAN = float(np.pi / 180.0)
+LATERAL = {
+    "beta": (13, "rad", RADIAN),
+    "p": (6, "rad/s", RADIAN),
+    "r": (8, "rad/s", RADIAN),
+    "phi": (9, "rad", RADIAN),
+    "ay": (2, "m/s2", 1.0),
+    "airspeed": (14, "m/s", 1.0),
+}
+WHOLE = LATERAL | {
+    "alpha": (12, "rad", RADIAN),
+    "q": (7, "rad/s", RADIAN),
+    "theta": (10, "rad", RADIAN),
+    "psi": (11, "rad", RADIAN),
+    "ax": (1, "m/s2", 1.0),
+    "az": (3, "m/s2", 1.0),
+}
+
+
+@pytest.mark.parametrize("name", ["fAttasAilRud1", "fAttasAilRud2"])
+@pytest.mark.parametrize(
+    ("columns", "boom", "twin"),
+    [(LATERAL, "vane-offset:beta", "accelerometer-offset:ay"), (WHOLE, "vane-offset:boom", "accelerometer-offset")],
+)
+def test_the_nose_boom_is_told_from_accelerometers_behind(name: str, columns: dict[str, Any], boom: str, twin: str) -> None:
+    """Vanes on the nose boom some 12 to 13 m ahead; accelerometers as far behind are as likely by kinematics, and were named."""
+    found = compatibility(attas(name, columns), CompatibilitySettings(chord=3.159))
+    told = next(finding for finding in found.findings if finding.name == boom)
+    assert told.stands and abs(told.value - 12.5) < 3.0 * told.std < 3.0
+    assert twin in told.group and told.probabilities[boom] > 0.8 and told.probabilities[twin] < 0.1
+    assert not any(finding.name == twin and not finding.group for finding in found.findings if finding.stands)
+    for channel, std in found.joint.noise_std.items():
+        assert std > (1e-6 if channel in ("nz", "az", "ay", "ax", "airspeed") else 1e-8)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.compatibility.noise import roughness
+from ident.compatibility.check import compatibility
+from ident.compatibility.noise import resolution, roughness
+from ident.compatibility.result import CompatibilitySettings
+from tests.recorded_flight import flight, rounded
 
 COUNT = 20_000
 
@@ -26,3 +29,21 @@ def test_a_channel_without_noise_keeps_a_level_above_zero() -> None:
     ramp = np.linspace(0.0, 4.0, 500)
     assert roughness(ramp) == pytest.approx(1e-10 * np.var(ramp))
     assert roughness(np.zeros(500)) == roughness(np.zeros(2)) == 1e-20
+
+
+def test_no_channel_has_less_noise_than_its_rounding() -> None:
+    """Rounding to steps of d leaves d^2/12; what has no steps is stored in single precision at best."""
+    moved = 0.3 * np.sin(0.013 * np.arange(COUNT))
+    assert resolution(np.round(moved / 0.01) * 0.01) == pytest.approx(0.01**2 / 12.0, rel=1e-6)
+    assert resolution(np.linspace(0.0, 4.0, 500)) == pytest.approx((2.0**-23 * 4.0) ** 2 / 12.0)
+    noisy = moved + 1e-3 * np.random.default_rng(3).standard_normal(COUNT)
+    assert resolution(noisy) < 1e-4 * 1e-3**2
+    assert resolution(np.zeros(100)) == 0.0
+
+
+def test_the_check_finds_no_noise_below_that_of_rounding() -> None:
+    """A gyro in steps of 0.001 rad/s and an accelerometer in steps of 0.01 g, without any noise of their own."""
+    coarse = rounded(flight(outputs=("alpha", "q", "nz", "theta")), q=1e-3, nz=1e-2, alpha=1e-3, theta=1e-3)
+    levels = compatibility([coarse], CompatibilitySettings(110.0)).joint.noise_std
+    for name, step in (("q", 1e-3), ("nz", 1e-2), ("alpha", 1e-3), ("theta", 1e-3)):
+        assert levels[name] >= 0.999 * step / np.sqrt(12.0)

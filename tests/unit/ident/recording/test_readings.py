@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ident.recording.alternatives import all_readings
 from ident.recording.control import ControlPower, _fitted, control_power, sure
 from ident.recording.finding import Certainty, Expectations, Finding, Kind
 from ident.recording.inspection import inspect
-from ident.recording.motion import columns_of, disagreement
+from ident.recording.motion import Columns, columns_of, disagreement, unexplained_lift
 from sim.record import Channel, Record
-from tests.recorded_flight import Aircraft, altered, drawn, exchanged, flight
+from tests.recorded_flight import Aircraft, Controller, altered, controlled, drawn, exchanged, flight
 
 G0, DEGREES = 9.80665, 180.0 / np.pi
 CRAFT = Aircraft()
@@ -209,3 +210,69 @@ def test_the_sigma_of_a_control_power_counts_the_samples_of_a_lag_once(lag: int)
     assert found is not None
     assert (found.value, found.std) == pytest.approx((coefficients[2], sigma))
     assert found.explained == pytest.approx(1.0 - left / np.sum((change - change.mean()) ** 2))
+
+
+def under_control(seed: int) -> tuple[Aircraft, Record]:
+    """A flight under a controller in rough air, with or without a late vane."""
+    rng = np.random.default_rng(seed)
+    lift, stiffness, damping = rng.uniform(0.4, 1.5), rng.uniform(-4.0, 4.0), -rng.uniform(0.5, 2.0)
+    craft = Aircraft(lift, stiffness, damping, -rng.uniform(5.0, 15.0), rng.uniform(0.0, 0.15), rng.uniform(80.0, 250.0))
+    law = Controller(
+        rng.uniform(0.4, 1.3),
+        rng.uniform(0.1, 0.8),
+        float(rng.choice([0.0, 0.3])),
+        rng.uniform(0.1, 0.8),
+        bool(rng.integers(2)),
+    )
+    kind, size = str(rng.choice(["3211", "doublets", "sweep", "steps"])), 10.0 ** rng.uniform(-2.5, -1.7)
+    noise, late = float(rng.choice([0.3, 1.0, 2.0])), float(rng.choice([0.0, 0.1, 0.3]))
+    return craft, controlled(rng, craft, law, kind, 50.0, 16.0, size, noise, 0.03, (1.0, late))
+
+
+@pytest.mark.parametrize("seed", [0, 12, 26, 56, 122, 141, 239, 297, 327, 4, 120, 235, 267, 277, 38, 67, 113], ids=lambda seed: f"flight-{seed}")
+def test_an_elevator_that_a_controller_shapes_like_alpha_is_not_exchanged(seed: int) -> None:
+    """Each of these was refused by kinematics alone: as exchanged, of turned sign, or on a clock of another unit."""
+    craft, record = under_control(seed)
+    assert [one for one in inspect(record, craft.expected) if one.certainty is Certainty.CERTAIN] == []
+
+
+@pytest.mark.parametrize(("first", "second"), [("alpha", "elevator"), ("q", "elevator"), ("alpha", "q"), ("alpha", "nz")])
+def test_columns_exchanged_under_a_controller_are_still_certain(first: str, second: str) -> None:
+    """An unstable aircraft that is held by its controller, and as calm a day as records are made on."""
+    craft = Aircraft(stiffness=1.5)
+    record = controlled(np.random.default_rng(3), craft, Controller(0.5, 0.4, filter=0.05, inertial=False), size=0.06)
+    assert inspect(record, craft.expected) == ()
+    one = certain(exchanged(altered(record, nz=lambda v: v - 1.0), first, second), craft.expected)
+    assert (one.channel, one.kind) == (f"{first} and {second}", Kind.EXCHANGED)
+
+
+def test_lift_belongs_to_the_angle_of_attack() -> None:
+    """nz = a alpha + b delta: nothing is left with a > |b| > 0; with b the greater one the closest is a = |b|."""
+    time = 0.02 * np.arange(800)
+    alpha, delta = np.sin(1.3 * time), np.sin(2.9 * time + 1.0)
+
+    def left(load: np.ndarray) -> float:
+        columns = Columns(time, {"alpha": alpha, "q": np.cos(1.3 * time), "nz": load}, delta, "elevator", 0.1)
+        found = unexplained_lift(columns)
+        assert found is not None
+        return found[0]
+
+    assert left(9.0 * alpha - 2.0 * delta) < 1e-3 and left(9.0 * alpha + 2.0 * delta) < 1e-3
+    assert left(-9.0 * alpha) > 0.9
+    assert left(2.0 * alpha + 9.0 * delta) > 0.1
+
+
+def test_an_exchange_with_the_control_without_a_load_factor_is_likely_only() -> None:
+    """alpha and q alone: neither lift nor the size of the control's power can be asked beyond what kinematics say."""
+    record = flight(np.random.default_rng(24), Aircraft(stiffness=-5.6), outputs=("alpha", "q"))
+    (one,) = inspect(exchanged(record, "alpha", "elevator"), CRAFT.expected)
+    assert (one.channel, one.kind, one.certainty) == ("alpha and elevator", Kind.EXCHANGED, Certainty.LIKELY)
+
+
+def test_no_clock_is_quicker_than_any_recorder() -> None:
+    """Rows 20 ms apart are not 20 us apart, whatever the kinematics of a gust say; rows 20 s apart may be 20 ms."""
+    columns = columns_of(flight(np.random.default_rng(7)), CRAFT.expected)
+    assert columns is not None
+    assert not [one for one in all_readings(columns) if one.kind is Kind.TIME_BASE]
+    slow = all_readings(columns.times({"time": 1000.0}))
+    assert [one.remedy for one in slow if one.kind is Kind.TIME_BASE] == ["name the column time [ms], or say its unit in a channel map"]

@@ -12,14 +12,18 @@ import pytest
 
 from scenarios.files.measured.record_file import read_record_files
 from scenarios.files.records import read_record
+from scenarios.preparation import interpreting
 from scenarios.preparation.airspeed import with_flow
 from scenarios.preparation.interpreting import held_by_computer, linear_by
 from scenarios.preparation.load_factor import with_load_factors
 from scenarios.preparation.plan import Plan, Segment
-from scenarios.preparation.reading import prepare
+from scenarios.preparation.reading import for_model, prepare
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
+from sim.vehicles.factory import model_from_constants
 from tests.oracles.falling_speed import FallingSpeed, fly_falling
+from tests.oracles.held_fighter import CONSTANTS as FIGHTER
+from tests.oracles.held_fighter import drawn_pair
 from tests.preparing import OUTPUTS, declared, noisy, record_of, write_flown
 
 G0 = 9.80665
@@ -174,3 +178,48 @@ def test_a_record_of_perturbations_alone_has_no_trim_lift(tmp_path: Path) -> Non
     ready = prepare(read_record_files([path]), declared(), Plan())
     assert ready.fitted[0].input_names == ("elevator", "airspeed_change")
     assert any("perturbations alone fit better" in note for note in ready.notes)
+
+
+@pytest.mark.parametrize("seed", [16, 20, 62, 80])
+def test_an_unstable_fighter_under_its_controller_carries_its_weight(seed: int) -> None:
+    """Fits that had not converged, or with a bias of nz of several g, made records of perturbations alone of these."""
+    records, derivatives = drawn_pair(seed)
+    ready = for_model([(record, True) for record in records], model_from_constants("rigid", FIGHTER, derivatives))
+    assert not any("perturbations alone" in note for note in ready.notes)
+    assert all("lift" in record.input_names for record in ready.fitted)
+
+
+def test_a_fit_that_has_not_converged_decides_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    records, derivatives = drawn_pair(16)
+    model = model_from_constants("rigid", FIGHTER, derivatives)
+    readings = with_flow(model, records), with_flow(model, records, weight=False)
+    monkeypatch.setattr(interpreting, "SETTINGS", replace(interpreting.SETTINGS, iterations=2))
+    found = interpreting.better_by(*readings, OUTPUTS)
+    assert found.gain == 0.0 and found.why_open == "a fit has not converged"
+
+
+def test_a_bias_beyond_the_reading_is_no_trim() -> None:
+    """Of a load factor between 0.6 and 2.2 g a trim of 1 g, of 0 g or of 3 g can be; of -3 g it cannot, nor of 5 g."""
+    measured = np.linspace(0.6, 2.2, 50)
+    assert [interpreting.implausible_bias(bias, measured) for bias in (1.0, 0.0, 3.0, -3.0, 5.0)] == [False, False, False, True, True]
+
+
+def test_a_fit_with_an_implausible_bias_decides_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Controls as recorded, off their trim: biases then stand for the motion that the trim deflection would make."""
+    records, derivatives = drawn_pair(80)
+    model = model_from_constants("rigid", FIGHTER, derivatives)
+    readings = with_flow(model, records), with_flow(model, records, weight=False)
+    monkeypatch.setattr(interpreting, "from_trim", lambda record, model: record)
+    found = interpreting.better_by(*readings, OUTPUTS)
+    assert found.gain == 0.0 and "a fit needs a bias of" in found.why_open
+
+
+def test_controls_count_from_their_trim_or_their_mean(held: FallingSpeed) -> None:
+    record = record_of(held)
+    values = record["elevator"].values
+    off = replace(record, inputs=(Channel.of("elevator", "rad", values + 0.2),))
+    rested = interpreting.from_trim(off, declared())["elevator"].values
+    np.testing.assert_allclose(rested, values, atol=1e-3)  # the rest ends where the elevator has left a twentieth of its span
+    moving = replace(off, time=record.time[100:], inputs=(Channel.of("elevator", "rad", off["elevator"].values[100:]),), outputs=())
+    assert abs(np.mean(interpreting.from_trim(moving, declared())["elevator"].values)) < 1e-12
+    assert interpreting.from_trim(record, declared())["elevator"].values.tolist() == values.tolist()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ident.compatibility.faults import ARM, BELOW, BIAS, DELAY, DRIFT, LAG, PACKAGE, RIGHT, SCALE, SensorFault
+from ident.compatibility.faults import ARM, BELOW, BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, RIGHT, SCALE, SensorFault
 from tests.oracles.six_degrees import Faults
 
 SIZES = {SCALE: 0.1, DELAY: 0.06, LAG: 0.06, ARM: 3.0, RIGHT: 3.0, BELOW: 3.0}
@@ -17,7 +17,9 @@ def planted(fault: SensorFault, size: float) -> Faults:
     """The same fault in the terms of the oracle."""
     name = fault.channel
     ahead, right, below = (size * (fault.kind == axis) for axis in (ARM, RIGHT, BELOW))
-    if name in ("alpha", "beta"):
+    if name == BOOM:
+        wrong = Faults(vanes=dict.fromkeys(("alpha", "beta"), (ahead, right, below)))
+    elif name in ("alpha", "beta"):
         wrong = Faults(vanes={name: (ahead, right, below)})
     else:
         wrong = Faults(accelerometers={each: (ahead, right, below) for each in (("ax", "ay", "az") if name == PACKAGE else (name,))})

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
+from ident.compatibility.faults import ARM, BOOM, PACKAGE, SCALE, SensorFault
 from ident.compatibility.instruments import shortened
 from ident.compatibility.result import Compatibility, CompatibilitySettings
+from scenarios.compatibility.text import odds
 from sim.errors import RecordError
 from sim.record import Channel, Record
 from tests.oracles.six_degrees import FINE, LATERAL, SPEED, WHOLE, Faults, fly, shown
@@ -62,6 +64,37 @@ def test_accelerometers_on_one_base_are_one_fault() -> None:
     assert set(leaders(found)) == {"accelerometer-offset"}
     size, std = value(found, "accelerometer-offset")
     assert abs(size - 3.0) < 3.0 * std
+
+
+def test_both_vanes_on_a_boom_are_told_before_accelerometers_behind() -> None:
+    """Both leave the same trace. A boom of 9 m is common, accelerometers 9 m behind the centre of gravity are not."""
+    wrong = Faults(vanes=dict.fromkeys(("alpha", "beta"), (9.0, 0.0, 0.0)))
+    found = compatibility([shown(fly(), WHOLE, wrong, 2)], SETTINGS)
+    (best,) = leaders(found)
+    size, std = value(found, best)
+    assert best == "vane-offset:boom" and abs(size - 9.0) < 3.0 * std
+    told = next(finding for finding in found.findings if finding.name == best)
+    assert sum(told.probabilities.values()) == pytest.approx(1.0) and told.probabilities[best] > 0.99
+
+
+def test_a_vane_of_sideslip_ahead_is_told_before_its_accelerometer_behind_and_both_are_printed() -> None:
+    """Lateral channels alone: vane and accelerometer are twins of opposite sign; their priors alone part them."""
+    found = compatibility([shown(fly(), LATERAL, Faults(vanes={"beta": (12.0, 0.0, 0.0)}), 1)], SETTINGS)
+    ((best, group),) = leaders(found).items()
+    assert best == "vane-offset:beta" and any(name.startswith("accelerometer-offset") for name in group)
+    told = next(finding for finding in found.findings if finding.name == best)
+    twin = next(name for name in group if name.startswith("accelerometer-offset"))
+    assert told.probabilities[twin] < 1e-3 < told.probabilities[best]
+    said = odds(told, found.findings)
+    assert "that the vane of beta is" in said and "< 0.1 % that the accelerometer of" in said and "-1" in said
+
+
+def test_where_sensors_usually_are() -> None:
+    """A boom of metres or of chords; an accelerometer within a metre or half a chord."""
+    spreads = [SensorFault(channel, ARM, chord).spread for channel in ("alpha", BOOM, PACKAGE, "ay") for chord in (0.0, 8.0)]
+    assert spreads == [5.0, 24.0, 5.0, 24.0, 1.0, 2.0, 1.0, 2.0]
+    assert SensorFault("q", SCALE).surprise(0.3, 0.01) == 0.0
+    assert SensorFault("ay", ARM).surprise(-14.0, 0.5) == pytest.approx(0.5 * 14.0**2 / 1.5)
 
 
 @pytest.mark.parametrize(

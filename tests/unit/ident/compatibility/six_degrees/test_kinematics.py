@@ -66,8 +66,15 @@ def test_a_fault_explains_what_it_does(fault: SensorFault) -> None:
 
 def test_every_kind_of_fault_is_there_and_named_once() -> None:
     names = [fault.name for fault in ALL_FAULTS]
-    assert len(set(names)) == len(names) == 4 * 13 + 4 + 6 + 3
-    assert {"vane-offset", "vane-offset:beta", "accelerometer-offset-below:ay", "accelerometer-offset", "sensor-delay:psi"} <= set(names)
+    assert len(set(names)) == len(names) == 4 * 13 + 4 + 1 + 6 + 3
+    assert {
+        "vane-offset",
+        "vane-offset:boom",
+        "vane-offset:beta",
+        "accelerometer-offset-below:ay",
+        "accelerometer-offset",
+        "sensor-delay:psi",
+    } <= set(names)
 
 
 def test_slopes_are_those_of_one_row_at_a_time() -> None:
