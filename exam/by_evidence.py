@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ident.evidence.decision import Decision, Named
     from ident.tracing.candidate_model.problem import TraceProblem
+    from ident.tracing.evidence.decision import Decision, Named
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _decided(asked: Namespace) -> Decision:
-    from ident.evidence.decision import decided
+    from ident.tracing.evidence.decision import decided
     from sim.effects.library import effects_for
     from sim.effects.model_discrepancy import discrepancy_for
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.evidence.decision import decided
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
+from ident.tracing.evidence.decision import decided
 from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for
 from sim.effects.model_discrepancy import discrepancy_for

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.evidence.evidence import Key, Weighed
-from ident.evidence.search import Search
-from ident.evidence.steady_search import is_steady, spread_search, vuong
 from ident.tracing.candidate_model.fitted_model import FittedModel, levels_of
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
+from ident.tracing.evidence.evidence import Key, Weighed
+from ident.tracing.evidence.search import Search
+from ident.tracing.evidence.steady_search import is_steady, spread_search, vuong
 from ident.tracing.validation.whiteness import whiteness
 from sim.declaration.proposal import Traceable
 
