@@ -77,16 +77,26 @@ def is_noise(fitted: FittedModel) -> bool:
 
 
 def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Decision:
-    """Search under white noise, and beside a discrepancy where no set of effects leaves noise."""
-    search = Search(problem, problem.candidates).run()
+    """Search under white noise, and beside a discrepancy where no set of effects leaves noise.
+
+    General forms have no cause of their own: they are tried where nothing with one is named.
+    """
+    search = Search(problem, [each for each in problem.candidates if not each.traits.general]).run()
     best = search.best()
     if is_noise(best.fitted):
         return _by_sets(search, best)
-    if discrepancy is None:
-        return _undecided(search, best)
-    base = (discrepancy, *best.fitted.background)
-    steady = Search(problem, [each for each in problem.candidates if is_steady(each)], base)
-    return _beside_discrepancy(search, steady, spread_search(steady))
+    beside = None
+    if discrepancy is not None:
+        base = (discrepancy, *best.fitted.background)
+        steady = Search(problem, [each for each in problem.candidates if is_steady(each)], base)
+        beside = _beside_discrepancy(search, steady, spread_search(steady))
+        if beside.verdict is not Verdict.UNEXPLAINED:
+            return beside
+    general = Search(problem, problem.candidates).run()
+    best = general.best()
+    if is_noise(best.fitted):
+        return _by_sets(general, best)
+    return beside or _undecided(general, best)
 
 
 def _by_sets(search: Search, best: Weighed) -> Decision:
@@ -148,9 +158,9 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
         share = 1.0 / (1.0 + sum(rivals.values()))
         named.append(Named(name, share, {other: each * share for other, each in rivals.items()}, z))
     if not named:
-        # A discrepancy of no consequence is no cause to look for, unless a set explains some of it.
-        quiet = not white.best().fitted.foreground
-        slight = quiet and _error_over_noise(white.root.fitted, search.root.fitted) < SLIGHT
+        # A discrepancy of no consequence is no cause to look for, unless an effect nearly shows.
+        slight = _error_over_noise(white.root.fitted, search.root.fitted) < SLIGHT
+        slight = slight and not _nearly(search)
         verdict = Verdict.CONSISTENT if slight else Verdict.UNEXPLAINED
         return Decision(
             verdict, white.root.fitted if slight else search.root.fitted, (), (), inclusion, fits
@@ -161,6 +171,17 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
         Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
     )
     return Decision(verdict, best.fitted, tuple(named), (), inclusion, fits)
+
+
+def _nearly(search: Search) -> list[str]:
+    """Effects of which Vuong's test nearly says that they act beside a discrepancy."""
+    found = []
+    for key, one in search.visited.items():
+        more = key - search.root.names
+        if len(more) == 1 and one.weight > search.root.weight:
+            if vuong(one, search.root, search.context.interval) > RIVAL:
+                found += list(more)
+    return found
 
 
 def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
