@@ -159,11 +159,12 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
         named.append(Named(name, share, {other: each * share for other, each in rivals.items()}, z))
     if not named:
         # A discrepancy of no consequence is no cause to look for, unless an effect nearly shows.
-        slight = _error_over_noise(white.root.fitted, search.root.fitted) < SLIGHT
+        plain = _with_background(white, search)
+        slight = _error_over_noise(plain.fitted, search.root.fitted) < SLIGHT
         slight = slight and not _nearly(search)
         verdict = Verdict.CONSISTENT if slight else Verdict.UNEXPLAINED
         return Decision(
-            verdict, white.root.fitted if slight else search.root.fitted, (), (), inclusion, fits
+            verdict, plain.fitted if slight else search.root.fitted, (), (), inclusion, fits
         )
     if guards & set(members):
         return Decision(Verdict.UNEXPLAINED, best.fitted, (), tuple(named), inclusion, fits)
@@ -173,14 +174,20 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
     return Decision(verdict, best.fitted, tuple(named), (), inclusion, fits)
 
 
+def _with_background(white: Search, search: Search) -> Weighed:
+    """The declared model with the motion of any record that stands beside the discrepancy."""
+    names = frozenset(each.name for each in search.base[1:])
+    return white.visited.get(names, white.root)
+
+
 def _nearly(search: Search) -> list[str]:
     """Effects of which Vuong's test nearly says that they act beside a discrepancy."""
     found = []
     for key, one in search.visited.items():
         more = key - search.root.names
-        if len(more) == 1 and one.weight > search.root.weight:
-            if vuong(one, search.root, search.context.interval) > RIVAL:
-                found += list(more)
+        heavier = len(more) == 1 and one.weight > search.root.weight
+        if heavier and vuong(one, search.root, search.context.interval) > RIVAL:
+            found += list(more)
     return found
 
 
