@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.tracing.candidate_model.fitted_model import FittedModel, levels_of
+from ident.process_noise.filter_error import noise_levels
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
 from ident.tracing.evidence.evidence import Key, Weighed
@@ -88,6 +89,9 @@ def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Deci
     beside = None
     if discrepancy is not None:
         base = (discrepancy, *best.fitted.background)
+        small = _beside_small_discrepancy(search, best, base)
+        if small is not None:
+            return small
         steady = Search(problem, [each for each in problem.candidates if is_steady(each)], base)
         beside = _beside_discrepancy(search, steady, spread_search(steady))
         if beside.verdict is not Verdict.UNEXPLAINED:
@@ -97,6 +101,11 @@ def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Deci
     if is_noise(best.fitted):
         return _by_sets(general, best)
     return beside or _undecided(general, best)
+
+
+def _total(named: Named) -> float:
+    """Probability of an effect or of one that the records do not tell from it."""
+    return named.probability + sum(named.alternatives.values())
 
 
 def _by_sets(search: Search, best: Weighed) -> Decision:
@@ -110,10 +119,9 @@ def _by_sets(search: Search, best: Weighed) -> Decision:
     named = []
     for effect in best.fitted.effects:
         named.append(Named(effect.name, inclusion[effect.name], _alike(search, best, effect, sets)))
-    totals = [each.probability + sum(each.alternatives.values()) for each in named]
     if not best.names:
         verdict = Verdict.CONSISTENT
-    elif search.problem.guards & best.names or min(totals) < CERTAIN:
+    elif search.problem.guards & best.names or min(map(_total, named)) < CERTAIN:
         verdict = Verdict.UNEXPLAINED
     else:
         verdict = Verdict.TRACED if best.names == certain else Verdict.AMBIGUOUS
@@ -158,14 +166,8 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
         share = 1.0 / (1.0 + sum(rivals.values()))
         named.append(Named(name, share, {other: each * share for other, each in rivals.items()}, z))
     if not named:
-        # A discrepancy of no consequence is no cause to look for, unless an effect nearly shows.
-        plain = _with_background(white, search)
-        slight = _error_over_noise(plain.fitted, search.root.fitted) < SLIGHT
-        slight = slight and not _nearly(search)
-        verdict = Verdict.CONSISTENT if slight else Verdict.UNEXPLAINED
-        return Decision(
-            verdict, plain.fitted if slight else search.root.fitted, (), (), inclusion, fits
-        )
+        verdict, root = Verdict.UNEXPLAINED, search.root.fitted
+        return Decision(verdict, root, (), (), inclusion, fits)
     if guards & set(members):
         return Decision(Verdict.UNEXPLAINED, best.fitted, (), tuple(named), inclusion, fits)
     verdict = (
@@ -174,21 +176,55 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
     return Decision(verdict, best.fitted, tuple(named), (), inclusion, fits)
 
 
-def _with_background(white: Search, search: Search) -> Weighed:
-    """The declared model with the motion of any record that stands beside the discrepancy."""
-    names = frozenset(each.name for each in search.base[1:])
-    return white.visited.get(names, white.root)
+def _beside_small_discrepancy(
+    white: Search, best: Weighed, base: tuple[Traceable, ...]
+) -> Decision | None:
+    """What of the best set under white noise stands beside a discrepancy that is of no consequence.
 
-
-def _nearly(search: Search) -> list[str]:
-    """Effects of which Vuong's test nearly says that they act beside a discrepancy."""
-    found = []
-    for key, one in search.visited.items():
-        more = key - search.root.names
-        heavier = len(more) == 1 and one.weight > search.root.weight
-        if heavier and vuong(one, search.root, search.context.interval) > RIVAL:
-            found += list(more)
-    return found
+    Filters in the instrumentation and small curves of the aircraft colour a residual, and a search
+    under white noise adds effects for that: those are left out again. None where the discrepancy
+    is larger.
+    """
+    search = Search(white.problem, white.candidates, base)
+    wanted = [each for each in best.fitted.effects if each.name not in search.root.names]
+    found = search.root
+    if wanted:
+        begun = search.fit((*search.root.fitted.effects, *wanted), best.fitted)
+        if begun is None:
+            return None
+        found = search.kept(begun)
+    while found.names != search.root.names:
+        smaller = [search.without(found, name) for name in sorted(found.names - search.root.names)]
+        lighter = max((one for one in smaller if one is not None), key=lambda one: one.weight)
+        if lighter.weight < found.weight:
+            break
+        found = lighter
+    members = found.names - search.root.names
+    plain = white.visited.get(members | {each.name for each in base[1:]})
+    if plain is None:
+        effects = [each for each in best.fitted.effects if each.name in members]
+        fitted = white.fit((*base[1:], *effects), best.fitted)
+        plain = None if fitted is None else white.kept(fitted)
+    if plain is None or _error_over_noise(plain.fitted, found.fitted) > SLIGHT:
+        return None
+    inclusion, sets = inclusion_of(probabilities(search)), probabilities(white)
+    alone = inclusion_of(sets)
+    named = []
+    for name in sorted(members):
+        (effect,) = [each for each in found.fitted.effects if each.name == name]
+        alike = _alike(white, plain, effect, sets)
+        group = alone.get(name, 0.0) + sum(alike.values())
+        share = inclusion[name] / group if group > 0.0 else inclusion[name]
+        others = {other: each * share for other, each in alike.items()}
+        named.append(Named(name, alone.get(name, 1.0) * share, others))
+    least = min((each.probability for each in named), default=1.0)
+    verdict = Verdict.CONSISTENT
+    if white.problem.guards & members or min(map(_total, named), default=1.0) < CERTAIN:
+        verdict = Verdict.UNEXPLAINED
+    elif named:
+        verdict = Verdict.TRACED if least >= CERTAIN else Verdict.AMBIGUOUS
+    told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
+    return Decision(verdict, plain.fitted, told, hints, inclusion, white.fits + search.fits)
 
 
 def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
@@ -208,8 +244,7 @@ def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
     return found
 
 
-def _error_over_noise(declared: FittedModel, beside: FittedModel) -> float:
-    """Largest ratio, over the outputs, of the residual to the noise beside the discrepancy."""
-    levels = levels_of(beside) or {}
-    sizes = zip(declared.system.output_names, np.sqrt(declared.fit.variance), strict=True)
-    return max(float(size) / max(levels[name], 1e-300) for name, size in sizes if name in levels)
+def _error_over_noise(plain: FittedModel, beside: FittedModel) -> float:
+    """Largest ratio, over the outputs, of a fit's noise to that beside the discrepancy."""
+    without, levels = noise_levels(plain.fit), noise_levels(beside.fit)
+    return max(std / max(levels[name], 1e-300) for name, std in without.items())
