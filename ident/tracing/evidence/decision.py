@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from ident.tracing.evidence.evidence import Key, Weighed
 from ident.tracing.evidence.search import Search
 from ident.tracing.evidence.steady_search import is_steady, spread_search, vuong
 from ident.tracing.validation.whiteness import whiteness
+from sim.declaration.effect import full_name
 from sim.declaration.proposal import Traceable
 
 CERTAIN = 0.95  # probability of what is claimed
@@ -84,12 +85,19 @@ def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Deci
     """
     search = Search(problem, [each for each in problem.candidates if not each.traits.general]).run()
     best = search.best()
-    if is_noise(best.fitted):
+    quiet = is_noise(best.fitted)
+    if quiet and not problem.guards & best.names:
         return _by_sets(search, best)
     beside = None
+    if quiet and discrepancy is None:
+        return _by_sets(search, best)
     if discrepancy is not None:
         base = (discrepancy, *best.fitted.background)
         small = _beside_small_discrepancy(search, best, base)
+        if small is not None and small.verdict is not Verdict.UNEXPLAINED:
+            return small
+        if quiet:
+            return _by_sets(search, best)
         if small is not None:
             return small
         steady = Search(problem, [each for each in problem.candidates if is_steady(each)], base)
@@ -101,6 +109,14 @@ def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Deci
     if is_noise(best.fitted):
         return _by_sets(general, best)
     return beside or _undecided(general, best)
+
+
+def _is_cause(effect: Traceable, found: Weighed, interval: float) -> bool:
+    """Whether an effect is more than how inputs are to be read between samples."""
+    local = effect.traits.within_interval
+    if not local:
+        return True
+    return found.fitted.values.shared.get(full_name(effect, local), np.inf) > interval
 
 
 def _total(named: Named) -> float:
@@ -116,10 +132,12 @@ def _by_sets(search: Search, best: Weighed) -> Decision:
     enough = search.visited.get(certain)
     if enough is not None and is_noise(enough.fitted):
         best = enough
-    named = []
-    for effect in best.fitted.effects:
-        named.append(Named(effect.name, inclusion[effect.name], _alike(search, best, effect, sets)))
-    if not best.names:
+    named = [
+        Named(effect.name, inclusion[effect.name], _alike(search, best, effect, sets))
+        for effect in best.fitted.effects
+        if _is_cause(effect, best, search.context.interval)
+    ]
+    if not named:
         verdict = Verdict.CONSISTENT
     elif search.problem.guards & best.names or min(map(_total, named)) < CERTAIN:
         verdict = Verdict.UNEXPLAINED
@@ -199,32 +217,51 @@ def _beside_small_discrepancy(
         if lighter.weight < found.weight:
             break
         found = lighter
-    members = found.names - search.root.names
-    plain = white.visited.get(members | {each.name for each in base[1:]})
+    guards = white.problem.guards & found.names
+    plain = _slight(white, search, found, guards) if guards else None
+    guards = frozenset() if plain is not None else guards
+    plain = plain or _slight(white, search, found, frozenset())
     if plain is None:
-        effects = [each for each in best.fitted.effects if each.name in members]
-        fitted = white.fit((*base[1:], *effects), best.fitted)
-        plain = None if fitted is None else white.kept(fitted)
-    if plain is None or _error_over_noise(plain.fitted, found.fitted) > SLIGHT:
         return None
+    members = plain.names - search.root.names
     inclusion, sets = inclusion_of(probabilities(search)), probabilities(white)
     alone = inclusion_of(sets)
     named = []
     for name in sorted(members):
         (effect,) = [each for each in found.fitted.effects if each.name == name]
+        if not _is_cause(effect, plain, white.context.interval):
+            continue
         alike = _alike(white, plain, effect, sets)
         group = alone.get(name, 0.0) + sum(alike.values())
         share = inclusion[name] / group if group > 0.0 else inclusion[name]
         others = {other: each * share for other, each in alike.items()}
         named.append(Named(name, alone.get(name, 1.0) * share, others))
-    least = min((each.probability for each in named), default=1.0)
-    verdict = Verdict.CONSISTENT
-    if white.problem.guards & members or min(map(_total, named), default=1.0) < CERTAIN:
+    sure = [each for each in named if _total(each) >= CERTAIN]
+    if len(sure) < len(named):
+        # What may act or not is no more than the discrepancy, which is of no consequence.
+        doubtful = {each.name for each in named} - {each.name for each in sure}
+        less = _slight(white, search, found, doubtful | (found.names - plain.names))
+        named, plain = (sure, less) if less is not None else (named, plain)
+    verdict = Verdict.CONSISTENT if not named else Verdict.TRACED
+    if guards or min(map(_total, named), default=1.0) < CERTAIN:
         verdict = Verdict.UNEXPLAINED
-    elif named:
-        verdict = Verdict.TRACED if least >= CERTAIN else Verdict.AMBIGUOUS
+    elif named and min(each.probability for each in named) < CERTAIN:
+        verdict = Verdict.AMBIGUOUS
     told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
     return Decision(verdict, plain.fitted, told, hints, inclusion, white.fits + search.fits)
+
+
+def _slight(
+    white: Search, search: Search, found: Weighed, leave: Collection[str]
+) -> Weighed | None:
+    """A set less some of its effects, under white noise; None where the discrepancy matters."""
+    effects = [each for each in found.fitted.effects if each.name not in leave]
+    beside = search.fit(effects, found.fitted)
+    base = search.base[0].name
+    fitted = white.fit([each for each in effects if each.name != base], white.best().fitted)
+    if beside is None or fitted is None or _error_over_noise(fitted, beside) > SLIGHT:
+        return None
+    return white.kept(fitted)
 
 
 def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
