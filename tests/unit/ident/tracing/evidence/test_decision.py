@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.evidence.decision import decided
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
+from ident.tracing.evidence.decision import decided
+from ident.tracing.evidence.loop import diagnose_by_evidence
 from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for
 from sim.effects.model_discrepancy import discrepancy_for
 from sim.record import Record
 from sim.truth.noise import coloured_noise
 from tests.diagnoses import NOISE
-from tests.tracing_problem import declared, planted, problem_of, with_output
+from tests.tracing_problem import OUTPUTS, declared, planted, problem_of, with_output
 
 LATE, ARM = "sensor-delay:alpha", "vane-offset"
 FEW = (LATE, ARM, "sensor-scale:q", "input-deadband", "phugoid", "gust-turbulence")
@@ -68,3 +69,28 @@ def test_beside_a_discrepancy_what_acts_all_along_is_named() -> None:
     assert found.verdict is Verdict.PARTIAL
     assert [each.name for each in found.named] == [ARM]
     assert found.named[0].spread is not None and found.named[0].spread > 3.5
+
+
+def test_filtered_noise_is_no_cause() -> None:
+    """Noise that a filter has smoothed is not white; nothing is named for it."""
+    record = planted(seed=5)
+    for name in OUTPUTS:
+        (channel,) = [each for each in record.outputs if each.name == name]
+        rng = np.random.default_rng(len(name))
+        more = np.convolve(rng.normal(size=len(record) + 2), [0.5, 1.0, 0.5], "valid")
+        record = with_output(record, name, channel.values + 0.8 * NOISE[name] * more)
+    found = decided(offered([record]), discrepancy_for(effects_for(declared().equations)))
+    assert found.verdict is Verdict.CONSISTENT
+
+
+def test_the_loop_reports_what_is_decided() -> None:
+    records = [planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=7)]
+    validation = [planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=8)]
+    problem = offered(records)
+    told = diagnose_by_evidence(records, problem.model, problem.candidates, (), validation)
+    (claim,) = told.effects
+    assert told.verdict is Verdict.TRACED
+    assert claim.name == LATE
+    assert claim.probability[LATE] > 0.95
+    assert claim.parameters["delay"].value == pytest.approx(0.08, abs=0.01)
+    assert told.error_after.rmse["alpha"] < told.error_before.rmse["alpha"]

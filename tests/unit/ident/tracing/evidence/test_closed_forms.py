@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from ident.evidence.priors import half_normal_factor, log_mass
-from ident.evidence.scan import closed_forms
+from ident.tracing.evidence.priors import half_normal_factor, log_mass
+from ident.tracing.evidence.scan import closed_forms
 
 
 @given(st.integers(0, 10_000), st.integers(1, 4))

@@ -17,9 +17,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.evidence.evidence import Weighed
-from ident.evidence.search import Search
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
+from ident.tracing.evidence.evidence import Weighed
+from ident.tracing.evidence.search import Search
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Traceable
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.evidence.priors import half_normal_factor, log_mass, set_prior
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.evidence.priors import half_normal_factor, log_mass, set_prior
 from sim.declaration.proposal import SearchContext
 
 Key = frozenset[str]

@@ -13,10 +13,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.evidence.evidence import Key, Weighed, evidence_of
-from ident.evidence.priors import log_odds, set_prior
-from ident.evidence.scan import Lead, prepared, scan
-from ident.evidence.set_search import LinearSet, weighed_sets
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.candidate_model.fitted_model import (
     FittedModel,
@@ -28,6 +24,10 @@ from ident.tracing.candidate_model.fitted_model import (
     never_together,
 )
 from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.evidence.evidence import Key, Weighed, evidence_of
+from ident.tracing.evidence.priors import log_odds, set_prior
+from ident.tracing.evidence.scan import Lead, prepared, scan
+from ident.tracing.evidence.set_search import LinearSet, weighed_sets
 from ident.tracing.screening.context import search_context
 from ident.tracing.selection.criterion import is_white
 from sim.declaration.effect import NoiseEffect, full_name

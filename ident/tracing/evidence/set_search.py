@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.evidence.scan import Lead, Prepared, closed_forms
+from ident.tracing.evidence.scan import Lead, Prepared, closed_forms
 
 BEAM = 10  # sets of each size that are extended
 TRIED = 30  # leads that take part

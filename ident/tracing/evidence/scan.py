@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.evidence.priors import SetPrior, prior_of
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
+from ident.tracing.evidence.priors import SetPrior, prior_of
 from ident.tracing.screening.score_test import _motions, _signatures
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to

@@ -1,0 +1,287 @@
+"""One verdict from the posterior probabilities of sets of effects."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.process_noise.filter_error import noise_levels
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.diagnosis import Verdict
+from ident.tracing.evidence.evidence import Key, Weighed
+from ident.tracing.evidence.search import Search
+from ident.tracing.evidence.steady_search import is_steady, spread_search, vuong
+from ident.tracing.validation.whiteness import whiteness
+from sim.declaration.effect import full_name
+from sim.declaration.proposal import Traceable
+
+CERTAIN = 0.95  # probability of what is claimed
+NOISE = 1e-4  # p-value of a residual test below which a residual is no noise
+SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
+ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
+RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect of the decision, with its probability and that of each that could take its place.
+
+    ``spread`` : z of Vuong's test, beside a discrepancy; None under white noise.
+    """
+
+    name: str
+    probability: float
+    alternatives: Mapping[str, float]
+    spread: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What the records say.
+
+    Attributes
+    ----------
+    best : the set that the verdict rests on. named : its effects. hints : effects that may act.
+    inclusion : probability of each effect over all sets that were fitted under the same noise.
+    """
+
+    verdict: Verdict
+    best: FittedModel
+    named: tuple[Named, ...]
+    hints: tuple[Named, ...]
+    inclusion: Mapping[str, float]
+    fits: int
+
+
+def probabilities(search: Search) -> dict[Key, float]:
+    """Posterior probability of each set that was fitted."""
+    keys = list(search.visited)
+    weights = np.array([search.visited[key].weight for key in keys])
+    share = np.exp(weights - weights.max())
+    return dict(zip(keys, (share / share.sum()).tolist(), strict=True))
+
+
+def inclusion_of(sets: Mapping[Key, float]) -> dict[str, float]:
+    """Probability of each effect: the sum over the sets that contain it."""
+    found: dict[str, float] = {}
+    for key, share in sets.items():
+        for name in key:
+            found[name] = found.get(name, 0.0) + share
+    return found
+
+
+def is_noise(fitted: FittedModel) -> bool:
+    """Whether no residual test of the fitted records says otherwise."""
+    return all(test.p_value > NOISE for test in whiteness(fitted.fit, "fitted"))
+
+
+def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Decision:
+    """Search under white noise, and beside a discrepancy where no set of effects leaves noise.
+
+    General forms have no cause of their own: they are tried where nothing with one is named.
+    """
+    search = Search(problem, [each for each in problem.candidates if not each.traits.general]).run()
+    best = search.best()
+    quiet = is_noise(best.fitted)
+    if quiet and not problem.guards & best.names:
+        return _by_sets(search, best)
+    beside = None
+    if quiet and discrepancy is None:
+        return _by_sets(search, best)
+    if discrepancy is not None:
+        base = (discrepancy, *best.fitted.background)
+        small = _beside_small_discrepancy(search, best, base)
+        if small is not None and small.verdict is not Verdict.UNEXPLAINED:
+            return small
+        if quiet:
+            return _by_sets(search, best)
+        if small is not None:
+            return small
+        steady = Search(problem, [each for each in problem.candidates if is_steady(each)], base)
+        beside = _beside_discrepancy(search, steady, spread_search(steady))
+        if beside.verdict is not Verdict.UNEXPLAINED:
+            return beside
+    general = Search(problem, problem.candidates).run()
+    best = general.best()
+    if is_noise(best.fitted):
+        return _by_sets(general, best)
+    return beside or _undecided(general, best)
+
+
+def _is_cause(effect: Traceable, found: Weighed, interval: float) -> bool:
+    """Whether an effect is more than how inputs are to be read between samples."""
+    local = effect.traits.within_interval
+    if not local:
+        return True
+    return found.fitted.values.shared.get(full_name(effect, local), np.inf) > interval
+
+
+def _total(named: Named) -> float:
+    """Probability of an effect or of one that the records do not tell from it."""
+    return named.probability + sum(named.alternatives.values())
+
+
+def _by_sets(search: Search, best: Weighed) -> Decision:
+    """Under white noise: what is certain, where it leaves noise; else the best set, by groups."""
+    sets = probabilities(search)
+    inclusion = inclusion_of(sets)
+    certain = frozenset(name for name in best.names if inclusion[name] >= CERTAIN)
+    enough = search.visited.get(certain)
+    if enough is not None and is_noise(enough.fitted):
+        best = enough
+    named = [
+        Named(effect.name, inclusion[effect.name], _alike(search, best, effect, sets))
+        for effect in best.fitted.effects
+        if _is_cause(effect, best, search.context.interval)
+    ]
+    if not named:
+        verdict = Verdict.CONSISTENT
+    elif search.problem.guards & best.names or min(map(_total, named)) < CERTAIN:
+        verdict = Verdict.UNEXPLAINED
+    else:
+        verdict = Verdict.TRACED if best.names == certain else Verdict.AMBIGUOUS
+    told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
+    return Decision(verdict, best.fitted, told, hints, inclusion, search.fits)
+
+
+def _alike(
+    search: Search, best: Weighed, effect: Traceable, sets: Mapping[Key, float]
+) -> dict[str, float]:
+    """Effects that the records do not tell from a member, with their probabilities."""
+    rest = best.names - {effect.name}
+    found: dict[str, float] = {}
+    for key, share in sets.items():
+        new = key - rest
+        if effect.name in key or len(new) != 1 or not rest <= key:
+            continue
+        (name,) = new
+        told = search.alike.get(frozenset((name, effect.name)), 0.0) > ALIKE
+        if told or name in (*effect.traits.equivalents, *effect.traits.twins, *effect.aliases):
+            found[name] = found.get(name, 0.0) + share
+    return {name: share for name, share in found.items() if share > 0.05 * (1.0 - CERTAIN)}
+
+
+def _undecided(search: Search, best: Weighed) -> Decision:
+    inclusion = inclusion_of(probabilities(search))
+    hints = tuple(Named(name, inclusion[name], {}) for name in sorted(best.names))
+    return Decision(Verdict.UNEXPLAINED, best.fitted, (), hints, inclusion, search.fits)
+
+
+def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decision:
+    """Beside a discrepancy: what is spread over the records, with the rivals of each."""
+    interval, guards = search.context.interval, search.problem.guards
+    inclusion = inclusion_of(probabilities(search))
+    fits = white.fits + search.fits
+    members = sorted(best.names - search.root.names)
+    named = []
+    for name in members:
+        less = search.without(best, name)
+        z = vuong(best, less, interval) if less is not None else float("inf")
+        rivals = _rivals(search, best, name)
+        share = 1.0 / (1.0 + sum(rivals.values()))
+        named.append(Named(name, share, {other: each * share for other, each in rivals.items()}, z))
+    if not named:
+        verdict, root = Verdict.UNEXPLAINED, search.root.fitted
+        return Decision(verdict, root, (), (), inclusion, fits)
+    if guards & set(members):
+        return Decision(Verdict.UNEXPLAINED, best.fitted, (), tuple(named), inclusion, fits)
+    verdict = (
+        Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
+    )
+    return Decision(verdict, best.fitted, tuple(named), (), inclusion, fits)
+
+
+def _beside_small_discrepancy(
+    white: Search, best: Weighed, base: tuple[Traceable, ...]
+) -> Decision | None:
+    """What of the best set under white noise stands beside a discrepancy that is of no consequence.
+
+    Filters in the instrumentation and small curves of the aircraft colour a residual, and a search
+    under white noise adds effects for that: those are left out again. None where the discrepancy
+    is larger.
+    """
+    search = Search(white.problem, white.candidates, base)
+    wanted = [each for each in best.fitted.effects if each.name not in search.root.names]
+    found = search.root
+    if wanted:
+        begun = search.fit((*search.root.fitted.effects, *wanted), best.fitted)
+        if begun is None:
+            return None
+        found = search.kept(begun)
+    while found.names != search.root.names:
+        smaller = [search.without(found, name) for name in sorted(found.names - search.root.names)]
+        lighter = max((one for one in smaller if one is not None), key=lambda one: one.weight)
+        if lighter.weight < found.weight:
+            break
+        found = lighter
+    guards = white.problem.guards & found.names
+    plain = _slight(white, search, found, guards) if guards else None
+    guards = frozenset() if plain is not None else guards
+    plain = plain or _slight(white, search, found, frozenset())
+    if plain is None:
+        return None
+    members = plain.names - search.root.names
+    inclusion, sets = inclusion_of(probabilities(search)), probabilities(white)
+    alone = inclusion_of(sets)
+    named = []
+    for name in sorted(members):
+        (effect,) = [each for each in found.fitted.effects if each.name == name]
+        if not _is_cause(effect, plain, white.context.interval):
+            continue
+        alike = _alike(white, plain, effect, sets)
+        group = alone.get(name, 0.0) + sum(alike.values())
+        share = inclusion[name] / group if group > 0.0 else inclusion[name]
+        others = {other: each * share for other, each in alike.items()}
+        named.append(Named(name, alone.get(name, 1.0) * share, others))
+    sure = [each for each in named if _total(each) >= CERTAIN]
+    if len(sure) < len(named):
+        # What may act or not is no more than the discrepancy, which is of no consequence.
+        doubtful = {each.name for each in named} - {each.name for each in sure}
+        less = _slight(white, search, found, doubtful | (found.names - plain.names))
+        named, plain = (sure, less) if less is not None else (named, plain)
+    verdict = Verdict.CONSISTENT if not named else Verdict.TRACED
+    if guards or min(map(_total, named), default=1.0) < CERTAIN:
+        verdict = Verdict.UNEXPLAINED
+    elif named and min(each.probability for each in named) < CERTAIN:
+        verdict = Verdict.AMBIGUOUS
+    told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
+    return Decision(verdict, plain.fitted, told, hints, inclusion, white.fits + search.fits)
+
+
+def _slight(
+    white: Search, search: Search, found: Weighed, leave: Collection[str]
+) -> Weighed | None:
+    """A set less some of its effects, under white noise; None where the discrepancy matters."""
+    effects = [each for each in found.fitted.effects if each.name not in leave]
+    beside = search.fit(effects, found.fitted)
+    base = search.base[0].name
+    fitted = white.fit([each for each in effects if each.name != base], white.best().fitted)
+    if beside is None or fitted is None or _error_over_noise(fitted, beside) > SLIGHT:
+        return None
+    return white.kept(fitted)
+
+
+def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
+    """Effects that Vuong's test does not tell from one, with their odds by its normal law."""
+    from scipy.stats import norm
+
+    rest = best.names - {name}
+    found: dict[str, float] = {}
+    for key, other in search.visited.items():
+        new = key - rest
+        if name in key or len(new) != 1 or not rest <= key or key == rest:
+            continue
+        z = vuong(best, other, search.context.interval)
+        if z < RIVAL and other.weight < best.weight:
+            p = float(norm.cdf(z))
+            found[next(iter(new))] = (1.0 - p) / p
+    return found
+
+
+def _error_over_noise(plain: FittedModel, beside: FittedModel) -> float:
+    """Largest ratio, over the outputs, of a fit's noise to that beside the discrepancy."""
+    without, levels = noise_levels(plain.fit), noise_levels(beside.fit)
+    return max(std / max(levels[name], 1e-300) for name, std in without.items())
