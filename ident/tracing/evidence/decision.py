@@ -22,6 +22,7 @@ CERTAIN = 0.95  # probability of what is claimed
 NOISE = 1e-4  # p-value of a residual test below which a residual is no noise
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
 ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
+SUPPORTED = 3.0  # z of an effect beside a discrepancy of no consequence
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 
 
@@ -85,30 +86,24 @@ def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Deci
     """
     search = Search(problem, [each for each in problem.candidates if not each.traits.general]).run()
     best = search.best()
-    quiet = is_noise(best.fitted)
-    if quiet and not problem.guards & best.names:
+    quiet, beside = is_noise(best.fitted), None
+    if discrepancy is None or (quiet and not search.added(best)):
+        return _by_sets(search, best) if quiet else _undecided(search, best)
+    base = (discrepancy, *best.fitted.background)
+    small = _beside_small_discrepancy(search, best, base, exact=quiet)
+    if small is not None:
+        return small
+    if quiet:
         return _by_sets(search, best)
-    beside = None
-    if quiet and discrepancy is None:
-        return _by_sets(search, best)
-    if discrepancy is not None:
-        base = (discrepancy, *best.fitted.background)
-        small = _beside_small_discrepancy(search, best, base)
-        if small is not None and small.verdict is not Verdict.UNEXPLAINED:
-            return small
-        if quiet:
-            return _by_sets(search, best)
-        if small is not None:
-            return small
-        steady = Search(problem, [each for each in problem.candidates if is_steady(each)], base)
-        beside = _beside_discrepancy(search, steady, spread_search(steady))
-        if beside.verdict is not Verdict.UNEXPLAINED:
-            return beside
+    steady = Search(problem, [each for each in problem.candidates if is_steady(each)], base)
+    beside = _beside_discrepancy(search, steady, spread_search(steady))
+    if beside.verdict is not Verdict.UNEXPLAINED:
+        return beside
     general = Search(problem, problem.candidates).run()
     best = general.best()
     if is_noise(best.fitted):
         return _by_sets(general, best)
-    return beside or _undecided(general, best)
+    return beside
 
 
 def _is_cause(effect: Traceable, found: Weighed, interval: float) -> bool:
@@ -195,60 +190,85 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
 
 
 def _beside_small_discrepancy(
-    white: Search, best: Weighed, base: tuple[Traceable, ...]
+    white: Search, best: Weighed, base: tuple[Traceable, ...], *, exact: bool
 ) -> Decision | None:
     """What of the best set under white noise stands beside a discrepancy that is of no consequence.
 
     Filters in the instrumentation and small curves of the aircraft colour a residual, and a search
     under white noise adds effects for that: those are left out again. None where the discrepancy
-    is larger.
+    is larger. ``exact`` : whether the best set leaves noise, as probabilities suppose.
     """
     search = Search(white.problem, white.candidates, base)
-    wanted = [each for each in best.fitted.effects if each.name not in search.root.names]
-    found = search.root
-    if wanted:
-        begun = search.fit((*search.root.fitted.effects, *wanted), best.fitted)
-        if begun is None:
-            return None
-        found = search.kept(begun)
-    while found.names != search.root.names:
-        smaller = [search.without(found, name) for name in sorted(found.names - search.root.names)]
-        lighter = max((one for one in smaller if one is not None), key=lambda one: one.weight)
-        if lighter.weight < found.weight:
-            break
-        found = lighter
+    found = _supported(search, best)
     guards = white.problem.guards & found.names
-    plain = _slight(white, search, found, guards) if guards else None
-    guards = frozenset() if plain is not None else guards
-    plain = plain or _slight(white, search, found, frozenset())
+    plain = _slight(white, search, found, guards)
+    if plain is None and guards:
+        plain = _slight(white, search, found, ())
     if plain is None:
         return None
-    members = plain.names - search.root.names
-    inclusion, sets = inclusion_of(probabilities(search)), probabilities(white)
-    alone = inclusion_of(sets)
-    named = []
-    for name in sorted(members):
-        (effect,) = [each for each in found.fitted.effects if each.name == name]
-        if not _is_cause(effect, plain, white.context.interval):
-            continue
-        alike = _alike(white, plain, effect, sets)
-        group = alone.get(name, 0.0) + sum(alike.values())
-        share = inclusion[name] / group if group > 0.0 else inclusion[name]
-        others = {other: each * share for other, each in alike.items()}
-        named.append(Named(name, alone.get(name, 1.0) * share, others))
-    sure = [each for each in named if _total(each) >= CERTAIN]
-    if len(sure) < len(named):
-        # What may act or not is no more than the discrepancy, which is of no consequence.
-        doubtful = {each.name for each in named} - {each.name for each in sure}
-        less = _slight(white, search, found, doubtful | (found.names - plain.names))
-        named, plain = (sure, less) if less is not None else (named, plain)
+    sets = probabilities(white)
+    named = [
+        _weighed_name(white, search, plain, effect, sets, exact=exact)
+        for effect in plain.fitted.effects
+        if effect.name not in search.root.names and _is_cause(effect, plain, white.context.interval)
+    ]
     verdict = Verdict.CONSISTENT if not named else Verdict.TRACED
-    if guards or min(map(_total, named), default=1.0) < CERTAIN:
+    if white.problem.guards & plain.names or min(map(_total, named), default=1.0) < CERTAIN:
         verdict = Verdict.UNEXPLAINED
     elif named and min(each.probability for each in named) < CERTAIN:
         verdict = Verdict.AMBIGUOUS
     told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
+    inclusion = inclusion_of(probabilities(search))
     return Decision(verdict, plain.fitted, told, hints, inclusion, white.fits + search.fits)
+
+
+def _supported(search: Search, best: Weighed) -> Weighed:
+    """What is left of a set beside a discrepancy when members without support are left out.
+
+    An effect is kept where it raises the posterior probability, and where the evidence for it is
+    spread over the records; that of an event that soon ends cannot be.
+    """
+    wanted = [each for each in best.fitted.effects if each.name not in search.root.names]
+    begun = search.fit((*search.root.fitted.effects, *wanted), best.fitted) if wanted else None
+    found = search.root if begun is None else search.kept(begun)
+    lasting = {each.name for each in wanted if not each.traits.lasts}
+    while search.added(found) - search.root.names:
+        lacking = []
+        for name in sorted(found.names - search.root.names):
+            less = search.without(found, name)
+            if less is None:
+                continue
+            z = vuong(found, less, search.context.interval)
+            if less.weight > found.weight or (name in lasting and z < SUPPORTED):
+                lacking.append((z, less))
+        if not lacking:
+            break
+        found = min(lacking, key=lambda each: each[0])[1]
+    return found
+
+
+def _weighed_name(
+    white: Search,
+    search: Search,
+    plain: Weighed,
+    effect: Traceable,
+    sets: Mapping[Key, float],
+    *,
+    exact: bool,
+) -> Named:
+    """A member of a set with the odds of what could take its place."""
+    alike = _alike(white, plain, effect, sets)
+    mine = sum(share for key, share in sets.items() if plain.names <= key)
+    odds = {name: share / max(mine, 1e-300) for name, share in alike.items()}
+    if not exact:
+        odds |= {
+            name: max(value, odds.get(name, 0.0))
+            for name, value in _rivals(white, plain, effect.name).items()
+        }
+    probability = 1.0 / (1.0 + sum(odds.values()))
+    return Named(
+        effect.name, probability, {name: each * probability for name, each in odds.items()}
+    )
 
 
 def _slight(

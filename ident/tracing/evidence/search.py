@@ -253,6 +253,10 @@ class Search:
                 if len(each.leads) == size and each.weight > bar:
                     best.setdefault(each.names, each)
             chosen += list(best.values())[: most if size == 1 else most // 2]
+            if size == 1:
+                # Motion that any record may have is always tried: drifts and steps imitate it.
+                usual = [each for each in best.values() if each.leads[0].effect.traits.background]
+                chosen += [each for each in usual if each not in chosen]
             bar = max([bar, *(each.weight for each in chosen)])
         return chosen
 
