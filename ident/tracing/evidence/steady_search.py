@@ -15,6 +15,8 @@ References
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
@@ -57,7 +59,10 @@ def vuong(more: Weighed, less: Weighed, interval: float) -> float:
     pairs = zip(log_densities(more.fitted), log_densities(less.fitted), strict=True)
     parts = [np.add.reduceat(a - b, np.arange(0, len(a), block)) for a, b in pairs]
     d = np.concatenate(parts)
-    return float((more.evidence - less.evidence) / (np.sqrt(len(d)) * np.std(d) + 1e-12))
+    gain = more.evidence - less.evidence
+    # Half a noncentral chi-square of mean g has at least the standard deviation sqrt(2 g).
+    scatter = max(float(np.sqrt(len(d)) * np.std(d)), math.sqrt(2.0 * abs(gain)), 1e-12)
+    return float(gain / scatter)
 
 
 def spread_search(search: Search) -> Weighed:
