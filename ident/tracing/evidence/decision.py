@@ -23,6 +23,7 @@ NOISE = 1e-4  # p-value of a residual test below which a residual is no noise
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
 ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
 SUPPORTED = 3.0  # z of an effect beside a discrepancy of no consequence
+SWAPS = 4  # sets with one member replaced that are compared beside a discrepancy
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 
 
@@ -206,9 +207,11 @@ def _beside_small_discrepancy(
         plain = _slight(white, search, found, ())
     if plain is None:
         return None
-    sets = probabilities(white)
+    beside = search.visited.get(plain.names | {base[0].name}, found)
+    _with_swaps(white, search, plain)
+    sets = probabilities(search)
     named = [
-        _weighed_name(white, search, plain, effect, sets, exact=exact)
+        _weighed_name(search, beside, effect, sets, exact=exact)
         for effect in plain.fitted.effects
         if effect.name not in search.root.names and _is_cause(effect, plain, white.context.interval)
     ]
@@ -247,23 +250,32 @@ def _supported(search: Search, best: Weighed) -> Weighed:
     return found
 
 
+def _with_swaps(white: Search, search: Search, plain: Weighed) -> None:
+    """Sets with another effect in the place of a member, fitted beside the discrepancy as well."""
+    search.alike |= white.alike
+    near = sorted(white.visited.items(), key=lambda item: -item[1].weight)
+    swaps = [
+        one
+        for key, one in near
+        if len(key - plain.names) == 1 and len(plain.names - key) == 1 and one is not plain
+    ]
+    for one in swaps[:SWAPS]:
+        fitted = search.fit((*search.base[:1], *one.fitted.effects), one.fitted)
+        if fitted is not None:
+            search.kept(fitted)
+
+
 def _weighed_name(
-    white: Search,
-    search: Search,
-    plain: Weighed,
-    effect: Traceable,
-    sets: Mapping[Key, float],
-    *,
-    exact: bool,
+    search: Search, plain: Weighed, effect: Traceable, sets: Mapping[Key, float], *, exact: bool
 ) -> Named:
     """A member of a set with the odds of what could take its place."""
-    alike = _alike(white, plain, effect, sets)
+    alike = _alike(search, plain, effect, sets)
     mine = sum(share for key, share in sets.items() if plain.names <= key)
     odds = {name: share / max(mine, 1e-300) for name, share in alike.items()}
     if not exact:
         odds |= {
             name: max(value, odds.get(name, 0.0))
-            for name, value in _rivals(white, plain, effect.name).items()
+            for name, value in _rivals(search, plain, effect.name).items()
         }
     probability = 1.0 / (1.0 + sum(odds.values()))
     return Named(
