@@ -12,7 +12,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
 from ident.tracing.evidence.evidence import Key, Weighed
-from ident.tracing.evidence.search import Search
+from ident.tracing.evidence.search import Search, together
 from ident.tracing.evidence.steady_search import is_steady, spread_search, vuong
 from ident.tracing.validation.whiteness import whiteness
 from sim.declaration.effect import full_name
@@ -23,7 +23,7 @@ NOISE = 1e-4  # p-value of a residual test below which a residual is no noise
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
 ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
 SUPPORTED = 3.0  # z of an effect beside a discrepancy of no consequence
-SWAPS = 4  # sets with one member replaced that are compared beside a discrepancy
+SWAPS = 3  # effects that look like a member and are compared with it beside a discrepancy
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 
 
@@ -208,7 +208,7 @@ def _beside_small_discrepancy(
     if plain is None:
         return None
     beside = search.visited.get(plain.names | {base[0].name}, found)
-    _with_swaps(white, search, plain)
+    _with_swaps(white, search, beside)
     sets = probabilities(search)
     named = [
         _weighed_name(search, beside, effect, sets, exact=exact)
@@ -250,19 +250,43 @@ def _supported(search: Search, best: Weighed) -> Weighed:
     return found
 
 
-def _with_swaps(white: Search, search: Search, plain: Weighed) -> None:
-    """Sets with another effect in the place of a member, fitted beside the discrepancy as well."""
+def _with_swaps(white: Search, search: Search, beside: Weighed) -> None:
+    """Sets with an effect that looks alike in the place of a member, fitted beside the discrepancy.
+
+    Each begins with the values that it has in the likeliest set of the white search.
+    """
     search.alike |= white.alike
-    near = sorted(white.visited.items(), key=lambda item: -item[1].weight)
-    swaps = [
-        one
-        for key, one in near
-        if len(key - plain.names) == 1 and len(plain.names - key) == 1 and one is not plain
-    ]
-    for one in swaps[:SWAPS]:
-        fitted = search.fit((*search.base[:1], *one.fitted.effects), one.fitted)
-        if fitted is not None:
-            search.kept(fitted)
+    for effect in [each for each in beside.fitted.effects if each.name not in search.root.names]:
+        rest = tuple(each for each in beside.fitted.effects if each is not effect)
+        for name in _look_alike(white, effect):
+            homes = [one for key, one in white.visited.items() if name in key]
+            home = max(homes, key=lambda one: one.weight, default=None)
+            if home is None or name in beside.names:
+                continue
+            (other,) = [each for each in home.fitted.effects if each.name == name]
+            if not all(together(other, each) for each in rest):
+                continue
+            full = {full_name(other, item.name) for item in other.parameters}
+            values = home.fitted.values
+            added = [
+                {key: value for key, value in {**values.shared, **own}.items() if key in full}
+                for own in values.own
+            ]
+            fitted = search.fit((*rest, other), beside.fitted, added)
+            if fitted is not None:
+                search.kept(fitted)
+
+
+def _look_alike(search: Search, effect: Traceable) -> list[str]:
+    """Names of effects that look like one, the most alike first."""
+    cosines = {
+        name: cosine
+        for key, cosine in search.alike.items()
+        if effect.name in key and cosine > ALIKE
+        for name in key - {effect.name}
+    }
+    cosines |= dict.fromkeys((*effect.traits.equivalents, *effect.traits.twins), 1.0)
+    return sorted(cosines, key=lambda name: -cosines[name])[:SWAPS]
 
 
 def _weighed_name(

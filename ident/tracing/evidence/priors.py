@@ -15,6 +15,7 @@ from sim.declaration.proposal import SearchContext, Traceable
 
 DECLARED = 0.3  # one sigma of a derivative of the vehicle file, as a share of it
 ODDS = 0.03  # of one family of effects against its absence: one cause in thirty comes to mind
+FEWEST = 5  # members that a family's odds are shared by at least: a lone member is not likelier
 BACKGROUND_ODDS = 0.5  # of motion that any record may have
 _UNLIMITED = 1e5  # the value of a limit that is absent is larger than this
 _LIMIT_TIMES = 3.0  # factor: one sigma of a limit about where it was found
@@ -68,7 +69,8 @@ def log_odds(effects: Iterable[Traceable], candidates: Sequence[Traceable]) -> f
         if effect.traits.background:
             total += math.log(BACKGROUND_ODDS)
         else:
-            total += math.log(ODDS / len(members.get(family(effect.name), {effect.name})))
+            shared = max(FEWEST, len(members.get(family(effect.name), {effect.name})))
+            total += math.log(ODDS / shared)
     return total
 
 
