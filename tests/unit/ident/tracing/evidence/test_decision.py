@@ -23,12 +23,14 @@ FEW = (LATE, ARM, "sensor-scale:q", "input-deadband", "phugoid", "gust-turbulenc
 
 def offered(records: list[Record]) -> TraceProblem:
     model = declared()
-    few = [each for each in effects_for(model.equations) if each.name in FEW]
+    every = effects_for(model.equations)
+    few = [each for each in every if each.name in FEW and isinstance(each, Traceable)]
     return problem_of(records, few, model=model)
 
 
 def effect(name: str) -> Traceable:
     (found,) = [each for each in effects_for(declared().equations) if each.name == name]
+    assert isinstance(found, Traceable)
     return found
 
 
