@@ -6,6 +6,7 @@ Both can be graded on the same flights:
 
 from __future__ import annotations
 
+from argparse import REMAINDER, ArgumentParser
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
@@ -21,8 +22,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from scenarios.cli import main as program
     from scenarios.diagnosis import diagnose
 
+    what = "`diagnose` deciding by posterior probabilities of sets of effects"
+    parser = ArgumentParser(prog="python -m exam by-evidence", description=what)
+    parser.add_argument("line", nargs=REMAINDER, help="diagnose RECORD... --model M ...")
+    line = parser.parse_args(arguments).line
     with patch.object(diagnose, "_loop", lambda: by_evidence):
-        program(list(arguments) if arguments is not None else None)
+        program(line)
     return 0
 
 
