@@ -200,7 +200,7 @@ def _beside_small_discrepancy(
     is larger. ``exact`` : whether the best set leaves noise, as probabilities suppose.
     """
     search = Search(white.problem, white.candidates, base)
-    found = _supported(search, best)
+    found, nearly = _supported(search, best)
     guards = white.problem.guards & found.names
     plain = _slight(white, search, found, guards)
     if plain is None and guards:
@@ -220,21 +220,27 @@ def _beside_small_discrepancy(
         verdict = Verdict.UNEXPLAINED
     elif named and min(each.probability for each in named) < CERTAIN:
         verdict = Verdict.AMBIGUOUS
+    if nearly and not named:
+        verdict = Verdict.UNEXPLAINED
+        named = [Named(name, 1.0, {}, z) for name, z in nearly.items()]
+        plain = best
     told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
     inclusion = inclusion_of(probabilities(search))
     return Decision(verdict, plain.fitted, told, hints, inclusion, white.fits + search.fits)
 
 
-def _supported(search: Search, best: Weighed) -> Weighed:
+def _supported(search: Search, best: Weighed) -> tuple[Weighed, dict[str, float]]:
     """What is left of a set beside a discrepancy when members without support are left out.
 
     An effect is kept where it raises the posterior probability, and where the evidence for it is
-    spread over the records; that of an event that soon ends cannot be.
+    spread over the records; that of an event that soon ends cannot be. Also, by name, z of those
+    that raise the probability and nearly have the spread.
     """
     wanted = [each for each in best.fitted.effects if each.name not in search.root.names]
     begun = search.fit((*search.root.fitted.effects, *wanted), best.fitted) if wanted else None
     found = search.root if begun is None else search.kept(begun)
     lasting = {each.name for each in wanted if not each.traits.lasts}
+    nearly: dict[str, float] = {}
     while search.added(found) - search.root.names:
         lacking = []
         for name in sorted(found.names - search.root.names):
@@ -243,11 +249,14 @@ def _supported(search: Search, best: Weighed) -> Weighed:
                 continue
             z = vuong(found, less, search.context.interval)
             if less.weight > found.weight or (name in lasting and z < SUPPORTED):
-                lacking.append((z, less))
+                lacking.append((z, less, name))
         if not lacking:
             break
-        found = min(lacking, key=lambda each: each[0])[1]
-    return found
+        z, less, name = min(lacking, key=lambda each: each[0])
+        if less.weight < found.weight and z > RIVAL:
+            nearly[name] = z
+        found = less
+    return found, nearly
 
 
 def _with_swaps(white: Search, search: Search, beside: Weighed) -> None:
