@@ -82,7 +82,15 @@ def output_error(found: Fit) -> tuple[np.ndarray, np.ndarray]:
         walk = np.einsum("mi,mnc->inc", walk_gains(s, found.noise), ahead) * s.steps[None, :, None]
         spread[np.ix_(where, where)] += np.einsum("inc,i,ind->cd", walk, found.noise.density, walk)
     inverse, _ = inverse_information(information, floor=OPEN)
-    return np.concatenate([*own, sizes]), inverse @ spread @ inverse
+    return np.concatenate([*own, sizes]), _sandwich(inverse, spread)
+
+
+def _sandwich(inverse: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """inverse spread inverse' as a product of a matrix with its transpose: rounding makes no variance negative."""
+    scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    values, vectors = np.linalg.eigh(spread / np.outer(scale, scale))
+    half = inverse @ (scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+    return np.asarray(half @ half.T)
 
 
 def difference_in_sigmas(one: float, var_one: float, other: float, var_other: float) -> float:
