@@ -87,16 +87,18 @@ def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Deci
     """
     search = Search(problem, [each for each in problem.candidates if not each.traits.general]).run()
     best = search.best()
-    quiet, beside = is_noise(best.fitted), None
+    quiet = is_noise(best.fitted)
     if discrepancy is None or (quiet and not search.added(best)):
         return _by_sets(search, best) if quiet else _undecided(search, best)
     base = (discrepancy, *best.fitted.background)
-    small = _beside_small_discrepancy(search, best, base, exact=quiet)
+    near = Search(problem, search.candidates, base)
+    small = _beside_small_discrepancy(search, near, best, exact=quiet)
     if small is not None:
         return small
     if quiet:
         return _by_sets(search, best)
-    steady = Search(problem, [each for each in problem.candidates if is_steady(each)], base)
+    acting = [each for each in problem.candidates if is_steady(each)]
+    steady = Search(problem, acting, base, begun=near.root.fitted)
     beside = _beside_discrepancy(search, steady, spread_search(steady))
     if beside.verdict is not Verdict.UNEXPLAINED:
         return beside
@@ -191,15 +193,14 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
 
 
 def _beside_small_discrepancy(
-    white: Search, best: Weighed, base: tuple[Traceable, ...], *, exact: bool
+    white: Search, search: Search, best: Weighed, *, exact: bool
 ) -> Decision | None:
-    """What of the best set under white noise stands beside a discrepancy that is of no consequence.
+    """The decision where the discrepancy beside the best set is of no consequence.
 
     Filters in the instrumentation and small curves of the aircraft colour a residual, and a search
     under white noise adds effects for that: those are left out again. None where the discrepancy
     is larger. ``exact`` : whether the best set leaves noise, as probabilities suppose.
     """
-    search = Search(white.problem, white.candidates, base)
     found, nearly = _supported(search, best)
     guards = white.problem.guards & found.names
     plain = _slight(white, search, found, guards)
@@ -207,7 +208,7 @@ def _beside_small_discrepancy(
         plain = _slight(white, search, found, ())
     if plain is None:
         return None
-    beside = search.visited.get(plain.names | {base[0].name}, found)
+    beside = search.visited.get(plain.names | {search.base[0].name}, found)
     _with_swaps(white, search, beside)
     sets = probabilities(search)
     named = [
@@ -241,7 +242,7 @@ def _supported(search: Search, best: Weighed) -> tuple[Weighed, dict[str, float]
     found = search.root if begun is None else search.kept(begun)
     lasting = {each.name for each in wanted if not each.traits.lasts}
     nearly: dict[str, float] = {}
-    while search.added(found) - search.root.names:
+    while found.names != search.root.names:
         lacking = []
         for name in sorted(found.names - search.root.names):
             less = search.without(found, name)

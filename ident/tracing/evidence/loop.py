@@ -162,8 +162,8 @@ def _does_not_help(found: Decision, out: HeldOut, held: HeldOutData) -> Caution 
     before, after = held.declared.frozen, out.frozen
     if not found.named or before is None:
         return None
-    causes = [each for each in found.best.foreground]
-    if not causes or (has_process_noise(found.best.system) and found.verdict is Verdict.TRACED):
+    random = has_process_noise(found.best.system)
+    if not found.best.foreground or (random and found.verdict is Verdict.TRACED):
         return None
     raised = before.cost - after.cost if after is not None else -np.inf
     if raised > 0.0:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,17 +60,24 @@ def family(name: str) -> str:
     return name.partition(":")[0]
 
 
-def log_odds(effects: Iterable[Traceable], candidates: Sequence[Traceable]) -> float:
-    """Logarithm of the prior odds of a set of effects against the empty set."""
-    members: dict[str, set[str]] = {}
-    for candidate in candidates:
-        members.setdefault(family(candidate.name), set()).add(candidate.name)
+def family_sizes(candidates: Iterable[Traceable]) -> Mapping[str, int]:
+    """Number of members of each family of effects."""
+    return Counter(family(name) for name in {candidate.name for candidate in candidates})
+
+
+def log_odds(effects: Iterable[Traceable], families: Mapping[str, int]) -> float:
+    """Logarithm of the prior odds of a set of effects against the empty set.
+
+    Parameters
+    ----------
+    effects : the set. families : number of members of each family (``family_sizes``).
+    """
     total = 0.0
     for effect in effects:
         if effect.traits.background:
             total += math.log(BACKGROUND_ODDS)
         else:
-            shared = max(FEWEST, len(members.get(family(effect.name), {effect.name})))
+            shared = max(FEWEST, families.get(family(effect.name), 1))
             total += math.log(ODDS / shared)
     return total
 

@@ -8,7 +8,7 @@ the posterior.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from ident.tracing.candidate_model.fitted_model import (
 )
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.evidence.evidence import Key, Weighed, evidence_of
-from ident.tracing.evidence.priors import log_odds, set_prior
+from ident.tracing.evidence.priors import family_sizes, log_odds, set_prior
 from ident.tracing.evidence.scan import Lead, prepared, scan
 from ident.tracing.evidence.set_search import LinearSet, weighed_sets
 from ident.tracing.screening.context import search_context
@@ -69,10 +69,6 @@ def together(one: Traceable, other: Traceable) -> bool:
     return one.name != other.name and not (never_together(one, other) or never_together(other, one))
 
 
-def _silent(text: str) -> None:
-    """A progress that nobody follows."""
-
-
 @dataclass(eq=False)
 class Search:
     """A search over sets of effects.
@@ -81,7 +77,7 @@ class Search:
     ----------
     problem : records and declared model. candidates : effects and guards that may be added.
     base : what stands in every set and is never named, such as a model discrepancy.
-    tell : told a line about each set that is fitted.
+    begun : a fit of the base, where another search has made it.
     visited : the fitted sets by the names of their effects, ``base`` included.
     expanded : sets at which all candidates were scanned.
     alike : of pairs of names, the largest cosine of what they would add. fits : how many were made.
@@ -94,7 +90,7 @@ class Search:
     problem: TraceProblem
     candidates: Sequence[Traceable]
     base: tuple[Traceable, ...] = ()
-    tell: Callable[[str], None] = _silent
+    begun: FittedModel | None = None
     visited: dict[Key, Weighed] = field(default_factory=dict)
     expanded: set[Key] = field(default_factory=set)
     alike: dict[Key, float] = field(default_factory=dict)
@@ -108,13 +104,14 @@ class Search:
             noise = measured_noise(declared)
             self.floor = {name: LEAST_NOISE * std for name, std in noise.items()}
             if self.base:
-                root = self.problem.fit(self.base, declared, rough=True)
+                root = self.begun or self.problem.fit(self.base, declared, rough=True)
         if root is None:
             raise ModelError(
                 "the declared model has no finite cost on these records",
                 where=self.problem.records[0].name,
                 remedy="check units and starting values",
             )
+        self.families = family_sizes(self.candidates)
         self.root = self.kept(root)
 
     def added(self, one: Weighed) -> Key:
@@ -127,7 +124,7 @@ class Search:
         self.fits += 1
         evidence, offset, covariance = evidence_of(fitted, self.context)
         named = [effect for effect in fitted.effects if effect not in self.base]
-        weight = evidence + log_odds(named, self.candidates)
+        weight = evidence + log_odds(named, self.families)
         found = Weighed(fitted, evidence, weight, offset, covariance)
         old = self.visited.get(found.names)
         if old is None or found.weight > old.weight:
@@ -219,8 +216,6 @@ class Search:
                 if parent.names | proposed.names not in self.visited
                 and (child := self.child(parent, proposed)) is not None
             ]
-            for child in made:
-                self.tell(f"{sorted(child.names)} {child.weight - self.root.weight:+.1f}")
             if made:
                 # Which set leads hangs on where its events are.
                 self._placed_better(max(made, key=lambda one: one.weight))
@@ -239,7 +234,7 @@ class Search:
         sets, overlap = weighed_sets(
             ready,
             leads,
-            lambda lead: log_odds([lead.effect], self.candidates),
+            lambda lead: log_odds([lead.effect], self.families),
             lambda a, b: together(a.effect, b.effect),
             deeper,
         )
