@@ -19,11 +19,15 @@ class Event(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Events for one reader: ``complete`` when they are all that is kept instead of what came since; ``last`` the number of the last of them."""
+    """Events for one reader: ``complete`` when they are all that is kept instead of what came since; ``last`` the number of the last of them.
+
+    ``over`` where nothing comes after them.
+    """
 
     events: list[Event]
     last: int
     complete: bool
+    over: bool
 
 
 class Feed:
@@ -83,14 +87,14 @@ class Feed:
         """What came after event ``last``, waiting up to ``timeout`` (s) for it; all that is kept where ``last`` is None or forgotten."""
         with self._changed:
             if last is None or last > self._count or (self._ring and last < self._ring[0][0] - 1):
-                return Batch(self._whole(), self._count, complete=True)
+                return Batch(self._whole(), self._count, True, self.closed)
             if last == self._count and not self.closed:
                 self._changed.wait(timeout)
             if self._ring and last < self._ring[0][0] - 1:
-                return Batch(self._whole(), self._count, complete=True)
+                return Batch(self._whole(), self._count, True, self.closed)
             missed = self._count - last
             events = [self._ring[at][1] for at in range(len(self._ring) - missed, len(self._ring))]
-            return Batch(events, self._count, complete=False)
+            return Batch(events, self._count, False, self.closed)
 
     def _whole(self) -> list[Event]:
         """All that is kept, in an order that a page can follow: what does not change, rows, estimates, and how it stands."""

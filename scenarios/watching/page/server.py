@@ -159,7 +159,7 @@ class Reader(BaseHTTPRequestHandler):
             end = f"id: {feed.token}-{batch.last}\nevent: beat\ndata: {{}}\n\n"
             self.wfile.write(("".join(lines) + end).encode())
             last = batch.last
-            if feed.closed:
+            if batch.over:
                 return
 
     def _plain(self, status: HTTPStatus, text: str) -> None:

@@ -135,6 +135,16 @@ def test_memory_is_bounded_and_the_whole_time_stays_in_sight() -> None:
     assert not feed.since(whole.last, 0.0).events
 
 
+def test_the_last_word_reaches_a_reader_whenever_the_feed_closes() -> None:
+    feed = Feed()
+    feed.put("status", "{}")
+    before = feed.since(None, 0.0)
+    feed.close()  # between two questions of one reader
+    assert not before.over
+    after = feed.since(before.last, 0.0)
+    assert after.over and [event.name for event in after.events] == ["bye"]
+
+
 def test_a_reader_who_is_slow_gets_all_that_is_kept() -> None:
     feed = Feed(events=10)
     feed.put("rows", rows(0, 1), rows=1)
