@@ -61,7 +61,7 @@ def diagnose_files(
     settings = replace(usual, max_step=step_for(posed.model, posed.records, usual.max_step))
     own, of_effects = own_effects(request.effects, posed.model)
     candidates, guards = candidates_for(posed.model, own), _guards(posed.model)
-    run = (overflows := Overflows()).counted(trace or _loop())
+    run = (overflows := Overflows()).counted(trace or _loop(posed.model))
     study = _Study(request, opened, of_effects, candidates, settings, overflows)
     with _witness(opened, posed, request.plan) as witness:
 
@@ -163,10 +163,15 @@ def _guards(model: Model) -> Sequence[Traceable]:
     return can_act(guards_for(model.equations), model)
 
 
-def _loop() -> Trace:
-    from ident.tracing.loop import diagnose
+def _loop(model: Model) -> Trace:
+    """The tracing loop, with what stands for errors of this model's forces."""
+    from functools import partial
 
-    return diagnose
+    from ident.tracing.evidence.loop import diagnose_by_evidence
+    from sim.effects.library import effects_for
+    from sim.effects.model_discrepancy import discrepancy_for
+
+    return partial(diagnose_by_evidence, discrepancy=discrepancy_for(effects_for(model.equations)))
 
 
 def _witness(opened: Opened, posed: Posed, plan: Plan) -> KinematicWitness:
