@@ -54,11 +54,6 @@ EXAMINATIONS: Mapping[str, tuple[str, str, str]] = {
         "main",
         "flights of independent simulators, diagnosed from files alone and graded",
     ),
-    "by-evidence": (
-        "exam.by_evidence",
-        "main",
-        "diagnose by posterior probabilities of sets of effects, beside the installed loop",
-    ),
     "papers-page": (
         "exam.reproduction.command",
         "main",

@@ -12,7 +12,6 @@ from exam.random_cases.kinds import KINDS
 from exam.random_cases.vehicles import NOISE, estimated
 from exam.scoring import same_fault
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
-from ident.tracing.weighed import Ground, Weighed
 from scenarios.diagnosis.report.evidence import warnings_of
 from scenarios.diagnosis.tracing import Tracing
 from sim.declaration.model import Model
@@ -36,17 +35,13 @@ def case_score_of(case: Case, model: Model, tracing: Tracing, seconds: float) ->
         max(rmse / NOISE[name] for name, rmse in diagnosis.error_after.rmse.items()),
         seconds,
         tuple(tuple(Named(name, _is_hidden(case, name)) for name in (claim.name, *claim.alternatives)) for claim in claims),
-        tuple(_statement(case, claim, claims) for claim in claims if claim.weighed is not None),
+        _statements(case, claims),
     )
 
 
-def _statement(case: Case, claim: Claim, claims: Sequence[Claim]) -> Statement:
-    """A claim with the names that are right of all that it was weighed against."""
-    weighed = claim.weighed or Weighed(Ground.NOISE_LEFT)
-    names = {claim.name, *weighed.same, *(name for item in weighed.sets for name in item.names)}
-    others = tuple(other.name for other in claims if other is not claim)
-    right = frozenset(name for name in names if _is_hidden(case, name))
-    return Statement(claim.name, others, weighed.twins, weighed, right)
+def _statements(case: Case, claims: Sequence[Claim]) -> tuple[Statement, ...]:
+    """All names of the claims that have a probability."""
+    return tuple(Statement(name, p, _is_hidden(case, name)) for claim in claims for name, p in claim.probability.items())
 
 
 def refusal_score_of(case: Case, fault: FlightidError, seconds: float) -> CaseScore:

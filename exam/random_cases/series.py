@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from functools import partial
 from typing import Any
 
-from exam.calibration import as_line, statement_of
+from exam.calibration import Statement
 from exam.random_cases.case import Case, CaseScore, Named
 from exam.random_cases.examination import examine
 from exam.random_cases.kinds import KINDS
@@ -40,7 +41,7 @@ def line_of(score: CaseScore) -> Mapping[str, Any]:
         **{"seed": case.seed, "model": case.model, "aircraft": case.aircraft, "rate": case.rate, "channels": case.channels},
         **{"group": case.group, "hidden": case.hidden, "values": score.values, "verdict": score.verdict},
         "claims": [[{"name": named.name, "hidden": named.hidden} for named in claim] for claim in score.claims],
-        "statements": [as_line(statement) for statement in score.statements],
+        "statements": [asdict(statement) for statement in score.statements],
         **{"right": score.right, "wrong": score.wrong, "said": score.said},
         "held_out_error": score.held_out if math.isfinite(score.held_out) else -1.0,
         "errors_in_sigmas": {name: error for name, error in score.errors.items() if math.isfinite(error)},
@@ -80,7 +81,7 @@ def score_of_line(line: Mapping[str, Any]) -> CaseScore:
             line["held_out_error"],
             line["seconds"],
             claims,
-            tuple(statement_of(each) for each in line["statements"]),
+            tuple(Statement(**each) for each in line["statements"]),
             line["values"],
             line["said"],
         )

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from ident.tracing.diagnosis import Claim, Diagnosis, ErrorFigures, Verdict
-from ident.tracing.name_probability import SOMETHING_ELSE
 from sim.declaration.proposal import Curve
 from sim.effects.library import library
 
@@ -105,7 +104,7 @@ def stated_by(claims: Sequence[Claim], right: Collection[str]) -> tuple[Stated, 
         Stated(name, p, name == claim.name, plain_name(name) in right)
         for claim in claims
         for name, p in claim.probability.items()
-        if name != SOMETHING_ELSE and math.isfinite(p)
+        if math.isfinite(p)
     )
 
 

@@ -17,7 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.tracing import thresholds
+from ident.tracing.evidence.decision import CERTAIN
+
+CLEAR = 2.0 * math.log(CERTAIN / (1.0 - CERTAIN))  # of twice the log likelihood: one name is then certain
 
 
 @dataclass(frozen=True)
@@ -39,12 +41,12 @@ class Decision:
     @property
     def right(self) -> float:
         """Probability that the loop prefers the effect that acts, by more than what it calls ambiguous."""
-        return self._above(thresholds.AMBIGUOUS)
+        return self._above(CLEAR)
 
     @property
     def wrong(self) -> float:
         """Probability that it prefers the other by more than that."""
-        return 1.0 - self._above(-thresholds.AMBIGUOUS)
+        return 1.0 - self._above(-CLEAR)
 
     def _above(self, limit: float) -> float:
         return normal_above(self.mean + self.price - limit, self.std)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.maneuver_design.known_levels import KnownLevels
 from ident.statistics.information import inverse_information
-from ident.tracing.candidate_model.fitted_model import FittedModel, added_parameters, known_beforehand
+from ident.tracing.candidate_model.fitted_model import FittedModel, known_beforehand
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
@@ -103,8 +103,7 @@ def _laid_out(planned: Planned, effects: Sequence[Traceable], values: Mapping[st
 
 
 def _as_model(planned: Planned, effects: Sequence[Traceable], layout: FitLayout, fit: Fit) -> FittedModel:
-    count = sum(added_parameters(effect, 1) for effect in effects)
-    return FittedModel(tuple(effects), planned.model, planned.model.with_effects(*effects), layout.system, fit, 2.0 * fit.cost, count)
+    return FittedModel(tuple(effects), planned.model, planned.model.with_effects(*effects), layout.system, fit)
 
 
 def _gap(fit: Fit) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,13 +11,15 @@ import numpy as np
 from ident.maneuver_design.decision import Decision, chance_found, decision_of
 from ident.maneuver_design.planned_flight import Planned, fitted, sigmas_of, simulated
 from ident.tracing.candidate_model.fitted_model import FittedModel, added_parameters, is_event
+from ident.tracing.evidence.priors import FEWEST, ODDS
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
-from ident.tracing.settings import NORMAL, TraceSettings
+from ident.tracing.thresholds import PLACES
 from sim.declaration.effect import full_name
 from sim.declaration.proposal import Traceable
 
-STARTS = 2  # of the rival. chosen: as the loop's fits have
+STARTS = 2  # of the rival
+ODDS_COST = -2.0 * math.log(ODDS / FEWEST)  # what the prior odds of an effect cost, of twice the log evidence
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +64,7 @@ def found_by(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
     return held, base if base is not None else simulated(held)
 
 
-def contest(planned: Planned, true: Acting, rival: Traceable, settings: TraceSettings = NORMAL, hint: Mapping[str, float] | None = None) -> Contest:
+def contest(planned: Planned, true: Acting, rival: Traceable, hint: Mapping[str, float] | None = None) -> Contest:
     """Fly an effect, fit its rival as well as that can, and weigh what is left.
 
     ``hint`` : values of the rival by local name from which a fit begins as well. A rival that explains nothing leaves what the declared model does.
@@ -70,12 +73,12 @@ def contest(planned: Planned, true: Acting, rival: Traceable, settings: TraceSet
     best = best_fit(held, base, rival, hint) or base
     counts = best.fit.counts
     own, other = _free(true.effect), _free(rival)
-    paid = _price(rival, counts, settings) - _price(true.effect, counts, settings)
+    paid = price(rival, counts) - price(true.effect, counts)
     # Priors of the true effect cost it something, too.
     spent = _own_cost(held, true)
     decision = decision_of(_squares(best), counts, 2.0 * base.fit.cost, own, other, paid + 2.0 * (_prior_cost(best) - spent))
     found = max(0.0, base.fit.cost - spent)
-    shown = chance_found(found, own, _price(true.effect, counts, settings), settings.accept)
+    shown = chance_found(found, own, price(true.effect, counts), ODDS_COST)
     return Contest(true, Acting(_form(best, rival), _values(best, rival)), found, shown, best.fit.cost, decision)
 
 
@@ -132,9 +135,9 @@ def _free(effect: Traceable) -> int:
     return added_parameters(effect, 1)
 
 
-def _price(effect: Traceable, counts: np.ndarray, settings: TraceSettings) -> float:
-    """What the loop's criterion charges for an effect in a record of so many samples."""
-    return _free(effect) * float(np.log(counts.sum())) + settings.event * is_event(effect)
+def price(effect: Traceable, counts: np.ndarray) -> float:
+    """About what an effect's parameters and place cost of twice the log evidence, in a record of so many samples (Schwarz's limit of it)."""
+    return _free(effect) * float(np.log(counts.sum())) + 2.0 * math.log(PLACES) * is_event(effect)
 
 
 def _form(best: FittedModel, rival: Traceable) -> Traceable:

@@ -10,7 +10,6 @@ import numpy as np
 
 from ident.flying_qualities.characteristics import Characteristics
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.weighed import Weighed
 from ident.whole_record.layout import FitSettings
 from sim.declaration.proposal import Traceable
 from sim.record import Record
@@ -33,7 +32,7 @@ class Verdict(Enum):
 _SENTENCES = {
     Verdict.CONSISTENT: "the residual is what the noise alone would give: nothing is missing",
     Verdict.TRACED: "the effects listed explain what was missing: what remains is noise, also on data that were not fitted",
-    Verdict.PARTIAL: "the effects listed replicate from record to record, but what remains is not noise",
+    Verdict.PARTIAL: "the evidence for the effects listed is spread over the records, but what remains is not noise",
     Verdict.AMBIGUOUS: "an effect is needed, but these data cannot tell it from its alternatives",
     Verdict.UNEXPLAINED: "something is missing, and no effect of the library can be named as its cause",
 }
@@ -43,16 +42,7 @@ class Concern(Enum):
     """What a caution is about."""
 
     NOT_NOISE = "a residual test fails"
-    DIFFERS_HELD_OUT = "the fitted records are explained, the others are not"
     GUARD = "what is missing behaves like a term outside the library"
-    BEYOND_BELIEF = "what fits best has parameters that no one believes"
-    UNDETERMINED = "what fits best has numbers that the records do not determine"
-    ROWS_MISSING = "what fits best acts where rows are missing"
-    DERIVATIVES = "a derivative is far from what the vehicle file says"
-    ONE_CAUSE = "effects that fit together stand for one cause"
-    CONTRADICTED = "the kinematics speak against what fits best"
-    UNLIKELY = "something that is not named is too likely"
-    GOES_WITH_MOTION = "what process noise would explain goes with the motion"
     NO_IMPROVEMENT = "the effects do not lower the error on data that were not fitted"
 
 
@@ -105,31 +95,15 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """Why an effect is claimed although what remains is not noise: it was cross-validated.
-
-    ``error_left`` is the error on records that were not fitted over that before, a geometric mean over channels and records, ``error_left_std`` its
-    scatter under resampling of blocks. ``by_record`` its parameters from each record by itself. ``derivatives`` the declared
-    parameters with it, and with each of its alternatives in its place, by effect name. ``already_in_model`` names
-    the effects that were in the model before. ``own_values`` : each record has its own, so that they need not be alike.
-    """
-
-    error_left: float
-    error_left_std: float
-    by_record: tuple[Mapping[str, Quantity], ...]
-    derivatives: Mapping[str, Mapping[str, Quantity]]
-    already_in_model: tuple[str, ...] = ()
-    own_values: bool = False
-
-
-@dataclass(frozen=True)
 class Claim:
     """One effect of the verdict.
 
     ``parameters`` by local name; ``alternatives`` (two at most) fit these data as well; ``claimed`` False marks a hint.
-    ``records`` numbers those it acts on (from 0) where it does not act on all. ``evidence`` is there where it was cross-validated.
+    ``records`` numbers those it acts on (from 0) where it does not act on all.
+    ``by_record`` : its parameters as each fitted record has them, where what remains is not noise; empty where all share less.
     ``derivatives_under`` : the declared parameters with it, and with each alternative in its place, by effect name; empty without any.
-    ``probability`` that it acts, each that could take its place, and something else, by name; empty of hints. ``weighed`` : what that rests on.
+    ``probability`` that it acts, and of each that could take its place, by name; empty of hints.
+    ``spread`` : where what remains is not noise, its log evidence over the scatter of that between blocks of time (z of Vuong's test).
     ``one_step_gains`` : by how much it raises the log likelihood of one-step predictions of each record that was not fitted, where that decided.
     ``reasons`` : of a hint, why it is not claimed, a sentence each with the number and the bar.
     """
@@ -140,45 +114,38 @@ class Claim:
     claimed: bool = True
     records: tuple[int, ...] = ()
     explanation: str = ""
-    evidence: Evidence | None = None
+    by_record: tuple[Mapping[str, Quantity], ...] = ()
     derivatives_under: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
     probability: Mapping[str, float] = field(default_factory=dict)
-    weighed: Weighed | None = None
+    spread: float | None = None
     one_step_gains: tuple[float, ...] = ()
     reasons: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Evidence on one candidate added to one fitted model of the search; ``within`` names the effects that were already in it.
+    """One candidate added to one fitted set of the search; ``within`` names the effects that were already in it.
 
-    ``gain`` is that of the log likelihood; ``p_value`` of that gain where the fitted model is true, for the parameters added;
-    ``held_out_change`` the relative change of the error on data not fitted (negative is better), ``held_out_scatter`` its
-    standard deviation under resampling of blocks; None where not computed.
-    ``fitted`` False: the gain is the projected score's, not that of a full fit. ``remark`` says whether it was
-    cross-validated, and why not, where that was asked.
+    ``gain`` of the log evidence; ``weight`` the same with its prior odds: above zero it is more probable that it acts than that it does not.
+    ``fitted`` False: both are those of the linearised signature, and parameters are not told.
     """
 
     round: int
     within: tuple[str, ...]
     name: str
     gain: float
-    p_value: float
+    weight: float
     fitted: bool
-    plausible: bool
     parameters: Mapping[str, Quantity]
-    held_out_change: float | None = None
     collinear_with: tuple[str, ...] = ()
-    remark: str = ""
-    held_out_scatter: float | None = None
 
 
 @dataclass(frozen=True)
 class Step:
-    """One decision of the search: the set it led to, the criterion there, and the reason in words."""
+    """One step of the search: the most probable set after it, its log evidence and log likelihood, and what was done in words."""
 
     effects: tuple[str, ...]
-    criterion: float
+    log_evidence: float
     log_likelihood: float
     sentence: str
 
@@ -235,14 +202,13 @@ class Diagnosis:
     Attributes
     ----------
     before, after : derivatives of the declared model and of the final one. derived_before, derived_after : frequency, damping, ...
-    error_before, error_after : on ``predictions``; ``held_out`` False where these were fitted. ``used_to_choose`` : they were not
-        fitted, but took part in choosing effects.
+    error_before, error_after : on ``predictions``; ``held_out`` False where these were fitted.
     noise_floor : sensor noise by channel: the level of the fit where its residual is white, else estimated from the residual's high
         frequencies. residual_std : the level of the fit, whatever is in it.
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
     seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
     modes_before, modes_after : numbers of the modes from which levels of flying qualities follow, None where there are none.
-    stopped : the search, or a stage of it, ended at its means.
+    stopped : a search ended at its means.
     trained_before, trained_after : what another record is predicted with.
     not_met : requirements that were not met, where something is not claimed or not all is explained.
     inflation : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.
@@ -268,7 +234,6 @@ class Diagnosis:
     seconds: Mapping[str, float]
     scatter: Mapping[str, float] = field(default_factory=dict)
     inflation: Mapping[str, float] = field(default_factory=dict)
-    used_to_choose: bool = False
     stopped: bool = False
     residual_std: Mapping[str, float] = field(default_factory=dict)
     modes_before: Characteristics | None = None

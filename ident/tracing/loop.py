@@ -1,4 +1,4 @@
-"""The tracing loop: fit, find what is missing, trace it, add it, refit, and judge on data that were not fitted."""
+"""The tracing loop: fit, search for what is missing, decide, report on data not fitted."""
 
 from __future__ import annotations
 
@@ -8,34 +8,36 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import belongs_to_record
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem, untold
-from ident.tracing.claims_beside_noise import helpful, replicating, what_replicates, without_unlikely
-from ident.tracing.compared_sets import weighed
-from ident.tracing.diagnosis import Diagnosis, Verdict
-from ident.tracing.found import Declared, Found
-from ident.tracing.ranking.near_sets import believable_choice
-from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
-from ident.tracing.replication.partial import on_other_samples
+from ident.tracing.candidate_model.quantities import quantities, records_of
+from ident.tracing.declared import Declared, fit_declared, held_out_data
+from ident.tracing.diagnosis import (
+    Caution,
+    Claim,
+    Concern,
+    Diagnosis,
+    Requirement,
+    Trained,
+    Verdict,
+)
+from ident.tracing.evidence.decision import NOISE, Decision, Named, decided
 from ident.tracing.result import Before, Outcome, reported
-from ident.tracing.selection.background import with_known_background
-from ident.tracing.selection.backward import backward_elimination, refined
-from ident.tracing.selection.criterion import is_white
-from ident.tracing.selection.forward import defies, first_round, forward_selection
-from ident.tracing.selection.general_forms import alone, for_pairs, leaving_noise, with_general_form
-from ident.tracing.selection.ledger import Ledger, fit
-from ident.tracing.selection.refitting import refitted
 from ident.tracing.settings import TraceSettings
-from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
-from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out, with_held_out_change
-from ident.tracing.verdict import Judgement, judge, residual_tests
-from ident.tracing.witness import Witness, silent
-from ident.whole_record.failed_fit import failed_fit
+from ident.tracing.spikes.masks import measured_masks, spike_claims
+from ident.tracing.validation.between_records import RecordScatter, scatter_between_records
+from ident.tracing.validation.each_record import of_each_record
+from ident.tracing.validation.held_out import HeldOut, HeldOutData, predicted_by
+from ident.tracing.validation.predictive import predictive_gains
+from ident.tracing.validation.whiteness import is_white
+from ident.tracing.verdict import Judgement, not_noise, residual_tests
+from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
-from sim.errors import ModelError
 from sim.record import Record
+
+LIKELY = 0.05  # probability from which an alternative is named
+ALTERNATIVES = 2  # named at most: fixed by the format of a diagnosis
 
 
 def diagnose(
@@ -46,52 +48,68 @@ def diagnose(
     validation: Sequence[Record],
     settings: TraceSettings | None = None,
     progress: Callable[[str, float], None] = untold,
-    witness: Witness = silent,
     outlook: Callable[[Diagnosis], None] | None = None,
+    *,
+    discrepancy: Traceable | None = None,
 ) -> Diagnosis:
     """Trace what a model lacks.
 
     Parameters
     ----------
-    records : the data to fit. model : the declared model, with its biases; noise levels are estimated.
-    candidates : effects that may be claimed. guards : terms that compete like effects but mean ``unexplained``.
-    validation : data that are not fitted; empty means that errors are those of the fit. They take part in choosing effects where a single
-        record is fitted. Else they decide the verdict, and what is told beside it (hints, the inflation of sigmas, the range of a curve).
+    records : the data to fit. model : the declared model, with its biases.
+    candidates : effects that may be named. guards : terms that compete and mean ``unexplained``.
+    validation : data that are not fitted; with none, errors are those of the fit.
     progress : told what is being done and how much of the work that is.
-    witness : says by other means than the model whether an effect is there; asked only where a ranking depends on it.
-    outlook : told before the search, where the declared model leaves white noise, what there is to report if nothing is found.
+    outlook : told before the search what there is to report if nothing is found, where the declared
+        model leaves white noise.
+    discrepancy : what stands for the errors of the model's forces where no set leaves noise.
 
     Raises
     ------
-    ModelError : a record without any output of the model, or a declared model that cannot be fitted at all.
+    ModelError : a record without any output of the model, or a model that cannot be fitted at all.
     """
     watch = Stopwatch()
     outputs = [signal.name for signal in model.equations.outputs if any(signal.name in record.output_names for record in records)]
     masks = measured_masks(records, outputs)
-    named, general = (tuple(c for c in (*candidates, *guards) if c.traits.general is wanted) for wanted in (False, True))
-    problem = TraceProblem(records, masks, model, named, outputs, settings or TraceSettings(), validation, witness, progress, general)
+    offered = (*candidates, *guards)
+    settings = settings or TraceSettings()
+    problem = TraceProblem(records, masks, model, offered, outputs, settings, validation, progress)
     declared = fit_declared(problem)
     watch.stage("declared model")
     held = held_out_data(declared, validation)
-    if outlook is not None and is_white(declared.root):
+    if outlook is not None and is_white(declared.root.fit):
         outlook(if_nothing_is_found(declared, held, validation))
-    found = search(declared, held)
+    problem, root = declared.problem, declared.root
+    found = decided(problem, discrepancy)
     watch.stage("search")
-    found = with_final_masks(found)
+    masks, spikes = spike_claims(problem, found.best)
+    if any(not np.array_equal(a, b) for a, b in zip(masks, problem.masks, strict=True)):
+        problem = problem.with_masks(masks)
+        root = problem.fit((), root) or root
+        found = decided(problem, discrepancy)
     watch.stage("spikes")
-    problem.progress("judging on data that were not fitted", 0.9)
-    ledger, choice = believable_choice(found.ledger, found.best, found.held)
-    if validation:
-        ledger = replace(ledger, evidence=tuple(with_held_out_change(ledger.evidence, ledger.models, found.held)))
-    choice = weighed(ledger, choice, found.held)
-    judgement = judge(ledger.problem, found.root, choice, found.spikes, found.held)
-    if judgement.verdict is Verdict.UNEXPLAINED:
-        ledger, judgement = what_replicates(replace(found, ledger=ledger), judgement)
-    judgement = without_unlikely(ledger.problem, judgement)
-    scatter = record_scatter(ledger.problem, found, judgement)
+    progress("judging on data that were not fitted", 0.9)
+    best = problem.fit(found.best.effects, found.best) or found.best
+    found = replace(found, best=best)
+    out = predicted_by(best, held)
+    judgement = _judged(problem, found, out, held, (*declared.spikes, *spikes))
+    before, after = _scatter(problem, root, judgement, held)
     watch.stage("held out")
-    before = Before(found.root, residual_tests(found.root, HeldOut(None, None), found.held).all, scatter[0])
-    return reported(ledger, before, Outcome(judgement, scatter[1]), found.held, validation, watch.seconds)
+    told = reported(
+        problem,
+        Before(root, residual_tests(root, HeldOut(None, None)).all, before),
+        Outcome(judgement, after),
+        held,
+        validation,
+        watch.seconds,
+    )
+    return replace(
+        told,
+        trained_after=_without(told, discrepancy),
+        steps=(*declared.steps, *found.steps),
+        candidates=found.candidates,
+        stopped=found.stopped,
+    )
 
 
 @dataclass(eq=False)
@@ -106,103 +124,94 @@ class Stopwatch:
         self.seconds[name] = clock.perf_counter() - self.started - sum(self.seconds.values())
 
 
-def fit_declared(problem: TraceProblem) -> Declared:
-    """Fit the declared model, mend recorded inputs, set provisional spikes aside.
-
-    Raises
-    ------
-    ModelError : no finite cost, or a fit that has failed (``ident.whole_record.failed_fit``).
-    """
-    problem.progress("fitting the declared model", 0.0)
-    ledger, root = fit(Ledger(problem), (), None)
-    if root is None:
-        raise ModelError(
-            "the declared model has no finite cost on these records", where=problem.records[0].name, remedy="check units and starting values"
-        )
-    values = {item.name: item.value for item in problem.model.parameters if item.free}
-    why, remedy = failed_fit(root.fit, values)
-    if why:  # a second attempt from where the first one ended
-        ledger, further = fit(ledger, (), root)
-        root = further or root
-        why, remedy = failed_fit(root.fit, values)
-    if why:
-        names = ", ".join(dict.fromkeys(record.name for record in problem.records))
-        raise ModelError(f"the fit of the declared model has failed: {why}", where=names, remedy=remedy)
-    problem, root, spikes, steps = cleaned_inputs(problem, root)
-    masked = Ledger(problem.with_masks(spike_masks(problem, root)), steps=tuple(steps), spent=ledger.spent)
-    masked, again = fit(masked, (), root)
-    if again is None:
-        return Declared(replace(masked, problem=problem), root, tuple(spikes))
-    return Declared(masked, again, tuple(spikes))
-
-
-def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutData:
-    """Data that are not fitted: their inputs mended, the samples that count, and the declared model there."""
-    if not validation:
-        return HeldOutData()
-    records = [mended_inputs(declared.ledger.problem, record, declared.spikes) for record in validation]
-    first = held_out(declared.root, validation, None, informed=False)
-    masks = held_out_masks(first, records, declared.ledger.problem.outputs)
-    before = held_out(declared.root, records, masks, informed=False)
-    return HeldOutData(records, masks, before, choosing=len(declared.ledger.problem.records) == 1)
-
-
 def if_nothing_is_found(declared: Declared, held: HeldOutData, validation: Sequence[Record]) -> Diagnosis:
-    """What there is to report of the declared model alone, called consistent without a search; tests of the fitted records alone."""
-    tests, scatter = residual_tests(declared.root, HeldOut(None, None), held), RecordScatter()
-    judgement = Judgement(Verdict.CONSISTENT, declared.root, held.declared, declared.spikes, tests, ())
-    return reported(declared.ledger, Before(declared.root, tests.all, scatter), Outcome(judgement, scatter), held, validation, {})
+    """What there is to report of the declared model alone, called consistent without a search."""
+    root, scatter = declared.root, RecordScatter()
+    tests = residual_tests(root, HeldOut(None, None))
+    judgement = Judgement(Verdict.CONSISTENT, root, held.declared, declared.spikes, tests, ())
+    before, after = Before(root, tests.all, scatter), Outcome(judgement, scatter)
+    return reported(declared.problem, before, after, held, validation, {})
 
 
-def search(declared: Declared, held: HeldOutData) -> Found:
-    """Forward selection and backward elimination; cross-validation before them where no single effect comes anywhere near noise."""
-    root = declared.root
-    if not is_white(root):
-        declared.ledger.problem.witness.prepare()
-    ledger, first = first_round(declared.ledger, root)
-    base = root if first and not first[0].background else with_known_background(ledger, root)
-    # What all records share has to be cross-validated like any other effect: only what belongs to each is taken as it is.
-    base = base if all(belongs_to_record(effect) for effect in base.background) else root
-    several = len(ledger.problem.records) + len(held.records) >= thresholds.FEWEST_RECORDS
-    asked, partial = several and defies(base, first), None
-    general = alone(ledger, base, first)
-    if asked and not leaving_noise(ledger, general.fitted):
-        # A search that trusts noise to be white would only add effect upon effect.
-        ledger, partial = replicating(ledger, base, held)
-    if partial is None:
-        problem = ledger.problem
-        ledger, best = forward_selection(for_pairs(ledger, general), base, first)
-        ledger, best = with_general_form(replace(ledger, problem=problem), base, best, general)
-        ledger, best = backward_elimination(ledger, best)
-        ledger, best = refined(ledger, best)
-    return Found(ledger, root, base, best if partial is None else partial.fitted, held, partial, asked, declared.spikes)
-
-
-def with_final_masks(found: Found) -> Found:
-    """The final spikes with their claims; where they differ from the provisional ones, all sets of the search fitted anew without them."""
-    problem = found.ledger.problem
-    masks, claims = spike_claims(problem, found.best)
-    told = replace(found, spikes=(*found.spikes, *claims))
-    if all(np.array_equal(a, b) for a, b in zip(masks, problem.masks, strict=True)):
-        return told
-    fresh = refitted(found.ledger, masks, found.best)
-    if fresh is None:
-        # Without them nothing can be fitted: they stay in every fit, and are not claimed.
-        return found
-    root, best, partial = fresh.models[frozenset()], fresh.known(found.best), None
-    base = fresh.models.get(frozenset(found.base.names), root)
-    held = held_out_data(Declared(fresh, root, told.spikes), problem.predicted)
-    if found.partial is not None:
-        changed = sum(np.count_nonzero(a != b) for a, b in zip(masks, problem.masks, strict=True)) / sum(mask.size for mask in masks)
-        few = changed < thresholds.FEW_OTHER_SAMPLES
-        fresh, partial = helpful(held, *on_other_samples(fresh, base, held, found.partial.validated)) if few else replicating(fresh, base, held)
-    return replace(told, ledger=fresh, root=root, base=base, best=best if partial is None else partial.fitted, held=held, partial=partial)
-
-
-def record_scatter(problem: TraceProblem, found: Found, judgement: Judgement) -> tuple[RecordScatter, RecordScatter]:
-    """By how much records differ, before and after: asked where what remains is not noise, and one record cannot tell."""
+def _scatter(problem: TraceProblem, root: FittedModel, judgement: Judgement, held: HeldOutData) -> tuple[RecordScatter, RecordScatter]:
+    """By how much records differ, before and after: asked where what remains is not noise."""
     if judgement.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTIAL):
         return RecordScatter(), RecordScatter()
-    after = scatter_between_records(problem, judgement.best, found.held)
-    before = after if judgement.best is found.root else scatter_between_records(problem, found.root, found.held)
-    return before, after
+    after = scatter_between_records(problem, judgement.best, held)
+    same = judgement.best.names == root.names
+    return (after if same else scatter_between_records(problem, root, held)), after
+
+
+def _without(told: Diagnosis, discrepancy: Traceable | None) -> Trained | None:
+    """What another record is predicted with: a discrepancy adds nothing to a free simulation."""
+    trained = told.trained_after
+    if trained is None or discrepancy is None:
+        return trained
+    kept = tuple(effect for effect in trained.effects if effect.name != discrepancy.name)
+    return replace(trained, effects=kept)
+
+
+def _judged(
+    problem: TraceProblem,
+    found: Decision,
+    out: HeldOut,
+    held: HeldOutData,
+    spikes: Sequence[Claim],
+) -> Judgement:
+    """The decision with its residual tests, claims and cautions."""
+    best, verdict = found.best, found.verdict
+    tests = residual_tests(best, out)
+    gains = predictive_gains(found.less, best, held, out) if found.named else ()
+    claims = [_claim(best, each, gains, claimed=True) for each in found.named]
+    claims += [_claim(best, each, (), claimed=False) for each in found.hints]
+    claims = [claim for claim in claims if claim.name not in problem.guards]
+    cautions = _of_guards(problem, found)
+    left = not_noise(tests.all, NOISE)
+    if found.named and left:
+        verdict = Verdict.PARTIAL
+    cautions += left
+    if gains and sum(gains) <= 0.0:
+        verdict = Verdict.UNEXPLAINED
+        worse = _no_improvement(sum(gains))
+        why = (worse.requirement.sentence if worse.requirement else worse.sentence,)
+        claims = [replace(claim, claimed=False, reasons=why, probability={}) for claim in claims]
+        cautions.append(worse)
+    if verdict is Verdict.CONSISTENT and spikes:
+        verdict = Verdict.TRACED
+    return Judgement(verdict, best, out, (*spikes, *claims), tests, tuple(cautions))
+
+
+def _of_guards(problem: TraceProblem, found: Decision) -> list[Caution]:
+    guards = sorted(problem.guards & {each.name for each in found.hints})
+    if not guards:
+        return []
+    what = f"what is missing behaves like {', '.join(guards)}, which is no effect of the library"
+    return [Caution(Concern.GUARD, what)]
+
+
+def _no_improvement(raised: float) -> Caution:
+    asked = "the rise of the log likelihood of data that were not fitted"
+    requirement = Requirement(asked, raised, 0.0, at_least=True) if np.isfinite(raised) else None
+    what = "the effects found do not lower the error on data that were not fitted"
+    return Caution(Concern.NO_IMPROVEMENT, what, requirement=requirement)
+
+
+def _claim(best: FittedModel, named: Named, gains: Sequence[float], *, claimed: bool) -> Claim:
+    (effect,) = [each for each in best.effects if each.name == named.name]
+    likely = sorted(named.alternatives.items(), key=lambda item: -item[1])
+    others = [name for name, share in likely if share > LIKELY][:ALTERNATIVES]
+    told = {named.name: named.probability, **{name: named.alternatives[name] for name in others}}
+    random = isinstance(effect, NoiseEffect)
+    return Claim(
+        named.name,
+        quantities(best, effect),
+        tuple(others),
+        claimed,
+        records_of(best, effect),
+        effect.explanation,
+        probability=told if claimed else {},
+        by_record=of_each_record(best, effect) if claimed and named.spread is not None else (),
+        spread=named.spread,
+        one_step_gains=tuple(gains) if random else (),
+        reasons=() if claimed else (named.reason,) if named.reason else (),
+    )

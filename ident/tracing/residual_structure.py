@@ -16,6 +16,10 @@ from ident.tracing.diagnosis import FittedRecord
 from ident.whole_record.gauss_newton import Fit
 
 LARGEST = 1e30  # what a residual that has run away counts as: its square is finite
+WINDOW = 2.0  # s, in which a residual is called large: about one short period
+SHIFT = 0.5  # s, by which a residual may follow or precede what it goes with
+WORTH_A_WORD = 0.25  # a smaller correlation explains less than a sixteenth of the power
+SURE = 4.0  # standard deviations of chance (Bartlett), the best of a few dozen signals being told
 
 
 @dataclass(frozen=True)
@@ -143,7 +147,7 @@ def _when(parts: Sequence[_Part], rms: float) -> tuple[FittedRecord, float, floa
     best = (parts[0].item, 0.0, 0.0, -1.0)
     for part in parts:
         time = part.item.record.time
-        size = min(max(3, round(thresholds.WINDOW / part.interval)), len(time))
+        size = min(max(3, round(WINDOW / part.interval)), len(time))
         squares, counts = (np.convolve(x, np.ones(size), mode="valid") for x in (part.residual**2, part.used.astype(float)))
         mean = np.where(counts >= 0.5 * size, squares / np.maximum(counts, 1.0), -1.0)
         at = int(np.argmax(mean))
@@ -161,12 +165,12 @@ def _company(parts: Sequence[_Part]) -> Company | None:
         if min(sizes) <= 0.0:
             continue
         interval = max(part.interval for part in parts)
-        shifts = np.arange(-int(thresholds.SHIFT / interval), int(thresholds.SHIFT / interval) + 1)
+        shifts = np.arange(-int(SHIFT / interval), int(SHIFT / interval) + 1)
         scale = np.sqrt(sum(sizes) * sum(float(part.residual @ part.residual) for part in parts))
         r = sum(_correlations(part, s, shifts * interval) for part, s in zip(parts, series, strict=True)) / scale
         chance = np.sqrt(sum(_chance(part.residual, s) for part, s in zip(parts, series, strict=True))) / scale
         at = int(np.argmax(np.abs(r)))
-        if abs(r[at]) > thresholds.WORTH_A_WORD and abs(r[at]) > thresholds.SURE_OF_COMPANY * chance:
+        if abs(r[at]) > WORTH_A_WORD and abs(r[at]) > SURE * chance:
             found.append((abs(r[at]) / chance, Company(name, form, float(r[at]), float(shifts[at] * interval))))
     # Of what is about as certain, the plainer: a signal before its rate, that before a square.
     best = max((sure for sure, _ in found), default=0.0)

@@ -15,17 +15,15 @@ from ident.process_noise.best_start import levels_at_limit
 from ident.process_noise.filter_error import filter_error_estimate, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.belief.form_spread import form_spread
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Requirement, Verdict
 from ident.tracing.later_record import spike_masks_of
-from ident.tracing.name_probability import with_probabilities
-from ident.tracing.replication.between_records import RecordScatter
 from ident.tracing.residual_structure import noise_floors, noise_shown
-from ident.tracing.selection.ledger import Ledger
 from ident.tracing.spikes.masks import measured_masks
+from ident.tracing.validation.between_records import RecordScatter
 from ident.tracing.validation.error_figures import error_figures, prediction
+from ident.tracing.validation.form_spread import form_spread
 from ident.tracing.validation.held_out import HeldOutData
 from ident.tracing.verdict import Judgement
 from ident.whole_record.gauss_newton import Fit
@@ -36,19 +34,8 @@ from sim.record import Record
 _NONE: Mapping[str, float] = MappingProxyType({})
 
 
-def _inflated(claim: Claim, inflation: Mapping[str, float]) -> Claim:
-    """Derivatives under each member of a group with the sigmas that they have elsewhere."""
-    if claim.evidence is None or not inflation:
-        return claim
-    members = {
-        member: {name: replace(q, std=q.std * inflation.get(name, 1.0)) for name, q in found.items()}
-        for member, found in claim.evidence.derivatives.items()
-    }
-    return replace(claim, evidence=replace(claim.evidence, derivatives=members))
-
-
 def _under_each(
-    ledger: Ledger,
+    problem: TraceProblem,
     best: FittedModel,
     claim: Claim,
     under: Mapping[str, Quantity],
@@ -57,16 +44,14 @@ def _under_each(
 ) -> Claim:
     """A claim with the derivatives under its own name and under each alternative in its place, all with sigmas of one kind.
 
-    ``under`` : those of the set that was judged. ``spread`` : by how much those of a set move with the form of its effects. Those of a group that
-    was cross-validated are in its evidence.
+    ``under`` : those of the set that was judged. ``spread`` : by how much those of a set move with the form of its effects.
     """
-    if claim.evidence is not None:
-        return replace(claim, derivatives_under=claim.evidence.derivatives)
-    rest, members = {name for name in best.names if name != claim.name}, {}
+    offered, members = {each.name: each for each in problem.candidates}, {}
+    rest = [each for each in best.effects if each.name != claim.name]
     for name in claim.alternatives:
-        other = ledger.models.get(frozenset({*rest, name}))
+        other = problem.fit((*rest, offered[name]), best) if name in offered else None
         if other is not None:
-            members[name] = _derivatives(ledger.problem, other, inflation, spread(other))
+            members[name] = _derivatives(problem, other, inflation, spread(other))
     return replace(claim, derivatives_under={claim.name: under, **members}) if members else claim
 
 
@@ -94,10 +79,10 @@ def _tests_of_floor(before: Before, judgement: Judgement) -> tuple[ResidualTest,
 
 
 def reported(
-    ledger: Ledger, before: Before, after: Outcome, held: HeldOutData, validation: Sequence[Record], seconds: Mapping[str, float]
+    problem: TraceProblem, before: Before, after: Outcome, held: HeldOutData, validation: Sequence[Record], seconds: Mapping[str, float]
 ) -> Diagnosis:
     """All that a Diagnosis holds. ``validation`` are the records that are not fitted as they were given, spikes of their inputs included."""
-    problem, judgement, root = ledger.problem, after.judgement, before.root
+    judgement, root = after.judgement, before.root
     best, inflation = judgement.best, after.scatter.inflation
     shown = validation or problem.records
     fits = (held.declared.frozen, judgement.out.frozen) if validation else (root.fit, best.fit)
@@ -120,10 +105,10 @@ def reported(
         for r, record in enumerate(problem.records)
     )
     not_met = requirements_not_met(judgement)
-    claims = tuple(with_reasons(claim, judgement, not_met) for claim in with_probabilities(judgement.claims, problem.twins))
+    claims = tuple(with_reasons(claim, judgement, not_met) for claim in judgement.claims)
     return Diagnosis(
         verdict=judgement.verdict,
-        effects=tuple(_under_each(ledger, best, _inflated(claim, inflation), under, inflation, spread) for claim in claims),
+        effects=tuple(_under_each(problem, best, claim, under, inflation, spread) for claim in claims),
         before=_derivatives(problem, root, before.scatter.inflation),
         after=under,
         trained_before=root.trained,
@@ -139,17 +124,15 @@ def reported(
         held_out=bool(validation),
         tests_before=before.tests,
         tests_after=judgement.tests.all,
-        steps=ledger.steps,
-        candidates=ledger.evidence,
+        steps=(),
+        candidates=(),
         warnings=judgement.cautions,
         predictions=tuple(predictions),
         fitted=fitted,
         seconds=dict(seconds),
         scatter=after.scatter.scatter,
         inflation=inflation,
-        used_to_choose=held.choosing,
         not_met=not_met,
-        stopped=ledger.stopped or len(best.foreground) >= problem.settings.depth,
     )
 
 
@@ -162,12 +145,12 @@ def requirements_not_met(judgement: Judgement) -> tuple[Requirement, ...]:
         worst = min(tests, key=lambda each: each.value)
         many = f"{len(tests)} of {len(judgement.tests.all)} residual tests fail, and the smallest p-value"
         tests = [replace(worst, asked=many) if len(tests) > 1 else worst]
-    return (*others, *judgement.not_met, *tests)
+    return (*others, *tests)
 
 
 def with_reasons(claim: Claim, judgement: Judgement, not_met: Sequence[Requirement]) -> Claim:
     """A hint with the reasons why it is not claimed: what was not met of it or of all, and cautions that have no number."""
-    if claim.claimed:
+    if claim.claimed or claim.reasons:
         return claim
     mine = [requirement.sentence for requirement in not_met if not requirement.effects or claim.name in requirement.effects]
     plain = [caution.sentence for caution in judgement.cautions if caution.requirement is None]

@@ -141,10 +141,10 @@ class Diagnosis:
         return prediction_of(self.details.diagnosis, number)
 
     def candidates(self) -> pandas.DataFrame:
-        """Every candidate of every round: gain of the log likelihood, p, what became of it."""
+        """Every candidate of every round: gain of the log evidence, the same with its prior odds, whether it was fitted."""
         import pandas
 
-        keys = ("round", "within", "name", "gain", "p_value", "fitted", "plausible", "held_out_change", "remark")
+        keys = ("round", "within", "name", "gain", "weight", "fitted")
         return pandas.DataFrame([{key: getattr(each, key) for key in keys} for each in self.details.diagnosis.candidates], columns=list(keys))
 
     def to_dict(self) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from scenarios.diagnosis.laid_down import at_bounds, said_of
 from scenarios.diagnosis.opening import Opened, Posed, opened_files, own_effects, posed_for, vehicle_path_of
 from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.tracing import Inputs, Tracing
-from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.measured.record_file import all_simulated, refuse_twice
 from scenarios.files.own_models import is_of_aircraft, moves_about_rest
 from scenarios.files.vehicles import read_beside, refuse_unknown_model, vehicle_beside
@@ -63,23 +62,22 @@ def diagnose_files(
     candidates, guards = candidates_for(posed.model, own), _guards(posed.model)
     run = (overflows := Overflows()).counted(trace or _loop(posed.model))
     study = _Study(request, opened, of_effects, candidates, settings, overflows)
-    with _witness(opened, posed, request.plan) as witness:
 
-        def looped(posed: Posed) -> Diagnosis:
-            given = (posed.records, posed.model, candidates, guards, posed.predicted, settings, progress, witness)
-            return run(*given, None if outlook is None else lambda likely: outlook(study.told(posed, likely)))
+    def looped(posed: Posed) -> Diagnosis:
+        given = (posed.records, posed.model, candidates, guards, posed.predicted, settings, progress)
+        return run(*given, None if outlook is None else lambda likely: outlook(study.told(posed, likely)))
 
-        diagnosis = looped(posed)
-        part = moves_between_samples(diagnosis, candidates, posed.records)
-        if _may_read_again(opened, request.plan) and (part or tells_times(diagnosis, posed.records)):
-            linear = posed_for(opened, replace(request.plan, hold=Hold.LINEAR))
-            again = looped(linear)
-            if no_worse(again, diagnosis) if part else better(again, diagnosis):
-                posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
-            elif not part:
-                posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
-        # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
-        kinematics = witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None
+    diagnosis = looped(posed)
+    part = moves_between_samples(diagnosis, candidates, posed.records)
+    if _may_read_again(opened, request.plan) and (part or tells_times(diagnosis, posed.records)):
+        linear = posed_for(opened, replace(request.plan, hold=Hold.LINEAR))
+        again = looped(linear)
+        if no_worse(again, diagnosis) if part else better(again, diagnosis):
+            posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
+        elif not part:
+            posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
+    # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
+    kinematics = _kinematics(opened, posed, request.plan) if diagnosis.verdict is not Verdict.CONSISTENT else None
     return study.told(posed, diagnosis, kinematics, _decides(diagnosis, request, opened, posed))
 
 
@@ -167,25 +165,22 @@ def _loop(model: Model) -> Trace:
     """The tracing loop, with what stands for errors of this model's forces."""
     from functools import partial
 
-    from ident.tracing.evidence.loop import diagnose_by_evidence
+    from ident.tracing.loop import diagnose
     from sim.effects.library import effects_for
     from sim.effects.model_discrepancy import discrepancy_for
 
-    return partial(diagnose_by_evidence, discrepancy=discrepancy_for(effects_for(model.equations)))
+    return partial(diagnose, discrepancy=discrepancy_for(effects_for(model.equations)))
 
 
-def _witness(opened: Opened, posed: Posed, plan: Plan) -> KinematicWitness:
-    """The check of the kinematics as a witness: on all that was read where one record is fitted, else on the fitted records alone.
-
-    Its word counts where causes are ranked, and what is held out takes no part in that.
-    """
+def _kinematics(opened: Opened, posed: Posed, plan: Plan) -> Kinematics | None:
+    """The check of the kinematics alone: on all that was read where one record is fitted, else on the fitted records; None where there is none."""
     own = opened.vehicle.own
     if not (is_of_aircraft(own) if own is not None else opened.vehicle.model in OF_MODEL):
-        return KinematicWitness(None)
+        return None
     parts = [(file, segment) for file in opened.records for segment in plan.segments]
     if len(posed.records) == 1:
         parts += [(file, segment) for file in opened.validation for segment in WHOLE] if plan.segments == WHOLE else []
     elif not opened.validation:
         (last, segment) = parts.pop()
         parts += [(last, replace(segment, stop=posed.held_out_from))] if posed.held_out_from is not None else []
-    return KinematicWitness(lambda: kinematics_of_files(parts, opened.vehicle, opened.choices, plan))
+    return kinematics_of_files(parts, opened.vehicle, opened.choices, plan)

@@ -10,7 +10,6 @@ import numpy as np
 
 from ident.tracing.diagnosis import Diagnosis
 from ident.tracing.settings import TraceSettings
-from ident.tracing.witness import Witness
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
@@ -28,7 +27,6 @@ class Trace(Protocol):
         validation: Sequence[Record],
         settings: TraceSettings,
         progress: Callable[[str, float], None],
-        witness: Witness,
         outlook: Callable[[Diagnosis], None] | None,
     ) -> Diagnosis: ...
 

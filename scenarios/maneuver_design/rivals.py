@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ident.maneuver_design.planned_flight import Planned
-from ident.maneuver_design.rivalry import Acting, Contest, contest, found_by
-from ident.tracing.candidate_model.fitted_model import added_parameters, is_event
-from ident.tracing.settings import NORMAL
+from ident.maneuver_design.rivalry import ODDS_COST, Acting, Contest, contest, found_by, price
 from scenarios.maneuver_design.asked import JUST_FOUND, TYPICAL, Asked
 from scenarios.maneuver_design.setting import numbers_of
 from sim.declaration.effect import NoiseEffect
@@ -71,7 +70,7 @@ def just_found(effect: Traceable, reference: Planned) -> Acting:
     """
     typical = {item.name: item.value for item in effect.parameters}
     samples = len(reference.record) * len(reference.outputs)
-    bar = NORMAL.accept + added_parameters(effect, 1) * math.log(samples) + NORMAL.event * is_event(effect)
+    bar = ODDS_COST + price(effect, np.array([samples]))
 
     def at(share: float) -> Acting:
         values = {
@@ -93,7 +92,7 @@ def just_found(effect: Traceable, reference: Planned) -> Acting:
 def mimicking(reference: Planned, true: Acting, rival: Traceable) -> Acting:
     """The rival at the values with which it looks most like the true effect; typical ones where it cannot."""
     found = contest(reference, true, rival)
-    if found.found - found.left < 0.5 * NORMAL.accept:
+    if found.found - found.left < 0.5 * ODDS_COST:
         return Acting(rival, {item.name: item.value for item in rival.parameters})
     return found.rival
 

@@ -16,7 +16,7 @@ from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
 from ident.whole_record.unstable_motion import fit_projected, projectable
 from sim.declaration.compile import compile_model
-from sim.declaration.effect import Effect, NoiseEffect, full_name
+from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable, Underdetermined
 from sim.declaration.system import System
@@ -59,8 +59,7 @@ class Start:
 class FittedModel:
     """A fitted set of effects.
 
-    ``declared`` is the model without them, ``model`` that with them. ``criterion`` is twice the cost plus what the added
-    parameters cost; a lower one is better. ``added`` counts parameters of the effects over all records.
+    ``declared`` is the model without them, ``model`` that with them.
     """
 
     effects: tuple[Traceable, ...]
@@ -68,8 +67,6 @@ class FittedModel:
     model: Model
     system: System
     fit: Fit
-    criterion: float
-    added: int
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -135,12 +132,6 @@ def is_event(effect: Traceable) -> bool:
     return bool(effect.traits.onset)
 
 
-def acts_all_along(effect: Traceable) -> bool:
-    """Whether an effect of the library acts throughout and alike in all records: no event, nothing of one record, no noise, no background."""
-    passing = belongs_to_record(effect) or is_event(effect) or isinstance(effect, NoiseEffect)
-    return not (passing or effect.traits.guard or effect.traits.background)
-
-
 def never_together(one: Traceable, other: Traceable) -> bool:
     """Whether two effects are never in one set: two words for one fault, or laws of which a record shows no more than one."""
     return other.name in (*one.traits.twins, *one.traits.never_beside) or one.name in other.traits.never_beside
@@ -149,12 +140,6 @@ def never_together(one: Traceable, other: Traceable) -> bool:
 def free_names(effect: Effect) -> list[str]:
     """Full names of an effect's free parameters."""
     return [full_name(effect, item.name) for item in effect.parameters if item.free]
-
-
-def shared_start(fitted: FittedModel, effect: Effect) -> dict[str, float]:
-    """Values of an effect's free parameters in a fitted model that has it, by full name, of those that its records share."""
-    known = fitted.values.shared
-    return {name: known[name] for name in free_names(effect) if name in known}
 
 
 def compiled_with(model: Model, effects: Sequence[Traceable], outputs: Sequence[str]) -> tuple[Model, System]:
@@ -169,12 +154,11 @@ def fit_set(
     settings: FitSettings,
     start: Start | None = None,
     *,
-    event_cost: float = 0.0,
     apart: Collection[str] = (),
 ) -> FittedModel | None:
     """Fit a set of effects; of the parameters in ``apart`` each record has its own although all of them would share it.
 
-    ``event_cost`` is what an effect whose place is searched for adds to the criterion. None where the fit found no finite cost.
+    None where the fit found no finite cost.
     """
     start = start or Start()
     full, system = compiled_with(data.model, effects, data.outputs)
@@ -186,12 +170,7 @@ def fit_set(
         first, guesses = carried(plain, start.values, start.added)
         plain = lay_out(data.records, system, settings, local=local, masks=data.masks, start=first)
     fit = fit_as_declared(replace(plain, prior=known_beforehand(data.model, effects, plain)), guesses, start.levels)
-    if fit is None:
-        return None
-    count = sum(added_parameters(effect, len(data.records)) for effect in effects)
-    events = sum(1 for effect in effects if is_event(effect))
-    criterion = 2.0 * fit.cost + count * np.log(float(fit.counts.sum())) + event_cost * events
-    return FittedModel(tuple(effects), data.model, full, system, fit, float(criterion), count)
+    return None if fit is None else FittedModel(tuple(effects), data.model, full, system, fit)
 
 
 def fit_as_declared(layout: FitLayout, guesses: list[np.ndarray] | None, levels: Mapping[str, float] | None) -> Fit | None:

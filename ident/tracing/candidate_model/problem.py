@@ -9,7 +9,6 @@ import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, fit_set, start_from
 from ident.tracing.settings import TraceSettings
-from ident.tracing.witness import Witness, silent
 from ident.whole_record.layout import FitSettings
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
@@ -38,7 +37,6 @@ class TraceProblem:
 
     ``masks`` ``(m, N)`` a record, True where a sample counts. ``candidates`` : effects and guards. ``predicted`` : records that will be
     predicted; only the ranges they fly through are used. ``progress`` is told what is done, and which share of the work that is.
-    ``general`` : instances of general forms (``Traits.general``), which stand behind the candidates.
     """
 
     records: Sequence[Record]
@@ -48,22 +46,13 @@ class TraceProblem:
     outputs: Sequence[str]
     settings: TraceSettings
     predicted: Sequence[Record] = ()
-    witness: Witness = silent
     progress: Callable[[str, float], None] = untold
-    general: Sequence[Traceable] = ()
     _ended: list[_Ended] = field(default_factory=list, init=False, repr=False)
 
     @property
     def guards(self) -> frozenset[str]:
         """Names of the candidates that compete and can never be claimed."""
         return frozenset(candidate.name for candidate in self.candidates if candidate.traits.guard)
-
-    @property
-    def twins(self) -> Mapping[str, tuple[str, ...]]:
-        """By name of a candidate, other descriptions of the same fault, and the guards that are narrower forms of it and speak for it."""
-        narrower = {each.name: each.traits.within for each in self.candidates if each.traits.guard}
-        every = (*self.candidates, *self.general)
-        return {c.name: (*c.traits.twins, *(guard for guard, wider in narrower.items() if c.name in wider)) for c in every}
 
     @property
     def data(self) -> FitData:
@@ -92,20 +81,8 @@ class TraceProblem:
     def _fit(
         self, effects: Sequence[Traceable], settings: FitSettings, start: FittedModel | None, added: Mapping[str, float] | None
     ) -> FittedModel | None:
-        return fit_set(self.data, effects, settings, start_from(start, added), event_cost=self.settings.event)
-
-    def at_values(self, effects: Sequence[Traceable], fitted: FittedModel) -> FittedModel | None:
-        """A set of effects at the values that another fitted model has, not fitted; None where its cost is not finite."""
-        return fit_set(self.data, effects, replace(self.roughly, iterations=0), start_from(fitted), event_cost=self.settings.event)
+        return fit_set(self.data, effects, settings, start_from(start, added))
 
     def with_masks(self, masks: Sequence[np.ndarray]) -> TraceProblem:
         """The same question with other samples set aside: another problem, to which no earlier fit belongs."""
         return replace(self, masks=tuple(masks))
-
-    def holds(self, fitted: FittedModel) -> bool:
-        """Whether a model was fitted to the samples of this problem, and to no others."""
-        problems = fitted.fit.layout.problems
-        return len(problems) == len(self.records) and all(
-            problem.record is record and np.array_equal(problem.valid, mask)
-            for problem, record, mask in zip(problems, self.records, self.masks, strict=True)
-        )

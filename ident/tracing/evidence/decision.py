@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.process_noise.filter_error import noise_levels
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.diagnosis import Verdict
+from ident.tracing.diagnosis import Candidate, Step, Verdict
 from ident.tracing.evidence.evidence import Key, Weighed
-from ident.tracing.evidence.search import Search, together
+from ident.tracing.evidence.search import ALIKE, Search, together
 from ident.tracing.evidence.steady_search import is_steady, spread_search, vuong
 from ident.tracing.validation.whiteness import whiteness
 from sim.declaration.effect import full_name
@@ -21,10 +21,10 @@ from sim.declaration.proposal import Traceable
 CERTAIN = 0.95  # probability of what is claimed
 NOISE = 1e-4  # p-value of a residual test below which a residual is no noise
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
-ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
 SUPPORTED = 3.0  # z of an effect beside a discrepancy of no consequence
 SWAPS = 3  # effects that look like a member and are compared with it beside a discrepancy
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
+BESIDE_GUARD = "it is found beside a term that no effect of the library has"
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,14 @@ class Named:
     """An effect of the decision, with its probability and that of each that could take its place.
 
     ``spread`` : z of Vuong's test, beside a discrepancy; None under white noise.
+    ``reason`` : of a hint, why it is not named.
     """
 
     name: str
     probability: float
     alternatives: Mapping[str, float]
     spread: float | None = None
+    reason: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,16 +48,32 @@ class Decision:
 
     Attributes
     ----------
-    best : the set that the verdict rests on. named : its effects. hints : effects that may act.
-    inclusion : probability of each effect over all sets that were fitted under the same noise.
+    best : the set that the verdict rests on. less : the same noise without what is named.
+    named : its effects. hints : effects that may act.
+    searches : those that were made, in their order.
     """
 
     verdict: Verdict
     best: FittedModel
+    less: FittedModel
     named: tuple[Named, ...]
     hints: tuple[Named, ...]
-    inclusion: Mapping[str, float]
-    fits: int
+    searches: tuple[Search, ...]
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """How the search went."""
+        return tuple(step for search in self.searches for step in search.steps)
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """All candidates that were tried at fitted sets, by round."""
+        return tuple(each for search in self.searches for each in search.tried)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a search ended at its means."""
+        return any(search.spent for search in self.searches)
 
 
 def probabilities(search: Search) -> dict[Key, float]:
@@ -85,24 +103,25 @@ def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Deci
 
     General forms have no cause of their own: they are tried where nothing with one is named.
     """
-    search = Search(problem, [each for each in problem.candidates if not each.traits.general]).run()
+    causes = [each for each in problem.candidates if not each.traits.general]
+    search = Search(problem, causes, title="white noise").run()
     best = search.best()
     quiet = is_noise(best.fitted)
     if discrepancy is None or (quiet and not search.added(best)):
         return _by_sets(search, best) if quiet else _undecided(search, best)
     base = (discrepancy, *best.fitted.background)
-    near = Search(problem, search.candidates, base)
+    near = Search(problem, search.candidates, base, title="a model discrepancy")
     small = _beside_small_discrepancy(search, near, best, exact=quiet)
     if small is not None:
         return small
     if quiet:
         return _by_sets(search, best)
     acting = [each for each in problem.candidates if is_steady(each)]
-    steady = Search(problem, acting, base, begun=near.root.fitted)
+    steady = Search(problem, acting, base, near.root.fitted, title="a model discrepancy")
     beside = _beside_discrepancy(search, steady, spread_search(steady))
     if beside.verdict is not Verdict.UNEXPLAINED:
         return beside
-    general = Search(problem, problem.candidates).run()
+    general = Search(problem, problem.candidates, title="white noise, general forms as well").run()
     best = general.best()
     if is_noise(best.fitted):
         return _by_sets(general, best)
@@ -142,7 +161,7 @@ def _by_sets(search: Search, best: Weighed) -> Decision:
     else:
         verdict = Verdict.TRACED if best.names == certain else Verdict.AMBIGUOUS
     told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
-    return Decision(verdict, best.fitted, told, hints, inclusion, search.fits)
+    return Decision(verdict, best.fitted, search.root.fitted, told, hints, (search,))
 
 
 def _alike(
@@ -164,15 +183,16 @@ def _alike(
 
 def _undecided(search: Search, best: Weighed) -> Decision:
     inclusion = inclusion_of(probabilities(search))
-    hints = tuple(Named(name, inclusion[name], {}) for name in sorted(best.names))
-    return Decision(Verdict.UNEXPLAINED, best.fitted, (), hints, inclusion, search.fits)
+    why = "with all that was found the residual is not noise"
+    hints = tuple(Named(name, inclusion[name], {}, reason=why) for name in sorted(best.names))
+    root = search.root.fitted
+    return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, (search,))
 
 
 def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decision:
     """Beside a discrepancy: what is spread over the records, with the rivals of each."""
     interval, guards = search.context.interval, search.problem.guards
-    inclusion = inclusion_of(probabilities(search))
-    fits = white.fits + search.fits
+    searches, root = (white, search), search.root.fitted
     members = sorted(best.names - search.root.names)
     named = []
     for name in members:
@@ -182,14 +202,14 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
         share = 1.0 / (1.0 + sum(rivals.values()))
         named.append(Named(name, share, {other: each * share for other, each in rivals.items()}, z))
     if not named:
-        verdict, root = Verdict.UNEXPLAINED, search.root.fitted
-        return Decision(verdict, root, (), (), inclusion, fits)
+        return Decision(Verdict.UNEXPLAINED, root, root, (), (), searches)
     if guards & set(members):
-        return Decision(Verdict.UNEXPLAINED, best.fitted, (), tuple(named), inclusion, fits)
+        hints = tuple(replace(each, reason=BESIDE_GUARD) for each in named)
+        return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, searches)
     verdict = (
         Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
     )
-    return Decision(verdict, best.fitted, tuple(named), (), inclusion, fits)
+    return Decision(verdict, best.fitted, root, tuple(named), (), searches)
 
 
 def _beside_small_discrepancy(
@@ -223,11 +243,11 @@ def _beside_small_discrepancy(
         verdict = Verdict.AMBIGUOUS
     if nearly and not named:
         verdict = Verdict.UNEXPLAINED
-        named = [Named(name, 1.0, {}, z) for name, z in nearly.items()]
+        why = "its evidence beside a model discrepancy is {:.1f} of its scatter, required is {:.1f}"
+        named = [Named(name, 1.0, {}, z, why.format(z, SUPPORTED)) for name, z in nearly.items()]
         plain = best
     told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
-    inclusion = inclusion_of(probabilities(search))
-    return Decision(verdict, plain.fitted, told, hints, inclusion, white.fits + search.fits)
+    return Decision(verdict, plain.fitted, white.root.fitted, told, hints, (white, search))
 
 
 def _supported(search: Search, best: Weighed) -> tuple[Weighed, dict[str, float]]:

@@ -24,24 +24,25 @@ from ident.tracing.candidate_model.fitted_model import (
     never_together,
 )
 from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.candidate_model.quantities import quantities
+from ident.tracing.diagnosis import Candidate, Step
 from ident.tracing.evidence.evidence import Key, Weighed, evidence_of
 from ident.tracing.evidence.priors import family_sizes, log_odds, set_prior
 from ident.tracing.evidence.scan import Lead, prepared, scan
 from ident.tracing.evidence.set_search import LinearSet, weighed_sets
 from ident.tracing.screening.context import search_context
-from ident.tracing.selection.criterion import is_white
+from ident.tracing.validation.whiteness import is_white
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Edged, SearchContext, Traceable
 from sim.errors import ModelError
 
-DEPTH = 3  # effects in a set, at most
 ROUNDS = 6
 LEADERS = 4  # single effects that a round fits; half as many sets of each larger size
-BUDGET = 40  # fits of a search
 SHARES = (1.0, 0.3, 0.1)  # of a step of the linear world, in turn, until a fit begun there improves
 IMPROVES = 0.3  # of what the linear world promises
 SHIFTS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # s, by which an event is moved to look for its time
 EDGES = (16, 4, 1)  # times the width of its edges meanwhile
+ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
 LEAST_NOISE = 0.3  # of the noise that high frequencies show: logged signals are filtered
 PROCESS_NOISE_OFFERED = 1e-2  # p-value of a white residual above which rough air is not tried
 
@@ -77,9 +78,9 @@ class Search:
     ----------
     problem : records and declared model. candidates : effects and guards that may be added.
     base : what stands in every set and is never named, such as a model discrepancy.
-    begun : a fit of the base, where another search has made it.
+    begun : a fit of the base, where another search has made it. title : the noise, in words.
     visited : the fitted sets by the names of their effects, ``base`` included.
-    expanded : sets at which all candidates were scanned.
+    expanded : sets at which all candidates were scanned. steps, tried : how the search went.
     alike : of pairs of names, the largest cosine of what they would add. fits : how many were made.
 
     Raises
@@ -91,9 +92,12 @@ class Search:
     candidates: Sequence[Traceable]
     base: tuple[Traceable, ...] = ()
     begun: FittedModel | None = None
+    title: str = "white noise"
     visited: dict[Key, Weighed] = field(default_factory=dict)
     expanded: set[Key] = field(default_factory=set)
     alike: dict[Key, float] = field(default_factory=dict)
+    steps: list[Step] = field(default_factory=list)
+    tried: list[Candidate] = field(default_factory=list)
     fits: int = 0
 
     def __post_init__(self) -> None:
@@ -117,6 +121,11 @@ class Search:
     def added(self, one: Weighed) -> Key:
         """Names of the effects of a set beyond the base."""
         return one.names - {effect.name for effect in self.base}
+
+    @property
+    def spent(self) -> bool:
+        """Whether as much was fitted as may be."""
+        return self.fits > self.problem.settings.budget
 
     # ---------------------------------------------------------------- fits
     def kept(self, fitted: FittedModel) -> Weighed:
@@ -184,7 +193,7 @@ class Search:
         """
         for _ in range(ROUNDS):
             best = self.best()
-            if best.names in self.expanded or self.fits > BUDGET:
+            if best.names in self.expanded or self.spent:
                 break
             self.expand(best)
         for _ in range(2):
@@ -192,9 +201,9 @@ class Search:
             members = sorted(self.added(top))
             for name in members if len(members) > 1 else ():
                 less = self.without(top, name)
-                if less is not None and less.names not in self.expanded and self.fits < BUDGET:
+                if less is not None and less.names not in self.expanded and not self.spent:
                     self.expand(less, most=2)
-            if self.best() is top or self.fits > BUDGET:
+            if self.best() is top or self.spent:
                 break
             if self.best().names not in self.expanded:
                 self.expand(self.best())
@@ -207,8 +216,14 @@ class Search:
     def expand(self, parent: Weighed, most: int = LEADERS) -> None:
         """Scan at a set, weigh sets of leads there, fit the leaders."""
         self.expanded.add(parent.names)
+        beside = " + ".join(sorted(self.added(parent))) or "the declared model"
+        doing, share = f"{self.title}: what is missing beside {beside}", self.fits / 100.0
+        self.problem.progress(doing, min(0.1 + 0.7 * share, 0.85))
+        made: list[Weighed] = []
         present = [each for each in parent.fitted.effects if not each.traits.background]
-        deeper = DEPTH - len([each for each in present if each not in self.base])
+        deeper = self.problem.settings.depth - len(
+            [each for each in present if each not in self.base]
+        )
         if deeper > 0:
             made = [
                 child
@@ -218,10 +233,45 @@ class Search:
             ]
             if made:
                 # Which set leads hangs on where its events are.
-                self._placed_better(max(made, key=lambda one: one.weight))
+                made.append(self._placed_better(max(made, key=lambda one: one.weight)))
         rough = has_process_noise(parent.fitted.system)
-        if self.base or not (rough or is_white(parent.fitted, PROCESS_NOISE_OFFERED)):
-            self._with_process_noise(parent)
+        if self.base or not (rough or is_white(parent.fitted.fit, PROCESS_NOISE_OFFERED)):
+            made += self._with_process_noise(parent)
+        self._tell(parent, beside, made)
+
+    def _tell(self, parent: Weighed, beside: str, made: Sequence[Weighed]) -> None:
+        """Keep for the report what was tried at a set."""
+        number = len(self.steps) + 1
+        within = tuple(sorted(parent.names))
+        for child in made:
+            for effect in child.fitted.effects:
+                if child.names - parent.names == {effect.name}:
+                    self.tried.append(
+                        Candidate(
+                            number,
+                            within,
+                            effect.name,
+                            child.evidence - parent.evidence,
+                            child.weight - parent.weight,
+                            True,
+                            quantities(child.fitted, effect),
+                            self._looks_like(effect.name),
+                        )
+                    )
+        best = self.best()
+        names = " + ".join(sorted(self.added(best))) or "nothing"
+        sentence = (
+            f"{self.title}, beside {beside}: {len(self.candidates)} candidates scanned, "
+            f"{len(made)} sets fitted; most probable so far is {names}, "
+            f"ln p {best.weight - self.root.weight:+.1f} against the declared model"
+        )
+        found = best.fitted.fit.log_likelihood
+        self.steps.append(Step(tuple(sorted(best.names)), best.evidence, found, sentence))
+
+    def _looks_like(self, name: str) -> tuple[str, ...]:
+        """Names of effects whose signature is nearly that of one."""
+        pairs = [key for key, cosine in self.alike.items() if name in key and cosine > ALIKE]
+        return tuple(sorted(other for key in pairs for other in key - {name}))
 
     def _proposed(self, parent: Weighed, deeper: int, most: int) -> list[LinearSet]:
         """The weightiest single leads, and larger sets that promise more than any smaller one."""
@@ -240,6 +290,13 @@ class Search:
         )
         for key, cosine in overlap.items():
             self.alike[key] = max(self.alike.get(key, 0.0), cosine)
+        number, within = len(self.steps) + 1, tuple(sorted(parent.names))
+        singles = {one.leads[0].effect.name: one for one in reversed(sets) if len(one.leads) == 1}
+        for name, one in singles.items():
+            told = Candidate(
+                number, within, name, one.gain, one.weight, False, {}, self._looks_like(name)
+            )
+            self.tried.append(told)
         chosen: list[LinearSet] = []
         bar = 0.0
         for size in range(1, deeper + 1):
@@ -255,14 +312,16 @@ class Search:
             bar = max([bar, *(each.weight for each in chosen)])
         return chosen
 
-    def _with_process_noise(self, parent: Weighed) -> None:
+    def _with_process_noise(self, parent: Weighed) -> list[Weighed]:
+        made = []
         for effect in self.candidates:
             if not isinstance(effect, NoiseEffect) or parent.names | {effect.name} in self.visited:
                 continue
             if effect.name not in parent.names:
                 fitted = self.fit((*parent.fitted.effects, effect), parent.fitted)
                 if fitted is not None:
-                    self.kept(fitted)
+                    made.append(self.kept(fitted))
+        return made
 
     # ---------------------------------------------------------------- events
     def _placed_better(self, one: Weighed) -> Weighed:

@@ -84,12 +84,6 @@ def _in_two(found: Callable[[Sequence[int]], dict[int, Finding]], effects: Seque
     return mine | {place: Finding(effects[place], *numbers) for place, numbers in theirs.items()}
 
 
-def collinear(a: Finding, b: Finding) -> float:
-    """Cosine between what two candidates would add to the projected outputs."""
-    size = np.linalg.norm(a.contribution) * np.linalg.norm(b.contribution)
-    return float(abs(a.contribution @ b.contribution) / size) if size > 0 else 0.0
-
-
 def _motions(fitted: FittedModel) -> list[BaseMotion]:
     """What all candidates begin at, by record."""
     motions, layout = [], fitted.fit.layout
@@ -157,7 +151,7 @@ def _resonances_first(effect: Traceable, results: list[Start]) -> list[Start]:
     name = full_name(effect, effect.traits.oscillates[0])
     over = sorted(results, key=lambda result: result[1][name])
     peaks, _ = prominent_peaks(np.array([result[0] for result in over]))
-    least = thresholds.HOPELESS_IN_SEARCH * max(result[0] for result in results)
+    least = 0.2 * max(result[0] for result in results)
     first = [over[place] for place in peaks if over[place][0] >= least]
     known = {id(result) for result in first}
     return [*first, *(result for result in results if id(result) not in known)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -12,9 +13,9 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, is_event
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Quantity, Step
+from ident.tracing.evidence.priors import FEWEST, ODDS
 from ident.tracing.spikes.detection import Spikes, final_spikes, input_edges, input_spikes, provisional_mask
 from ident.tracing.validation.held_out import HeldOut
-from ident.tracing.weighed import Ground, Weighed
 from sim.declaration.effect import full_name
 from sim.record import Channel, Record
 
@@ -86,13 +87,13 @@ def cleaned_inputs(problem: TraceProblem, root: FittedModel) -> tuple[TraceProbl
             continue
         trial = replace(problem, records=[_mended(record, name, samples) for record, samples in zip(problem.records, found, strict=True)])
         fitted = trial.fit((), root)
-        brought = 2.0 * (root.fit.cost - fitted.fit.cost) if fitted is not None else 0.0
-        if fitted is not None and brought > problem.settings.accept:
+        brought = root.fit.cost - fitted.fit.cost if fitted is not None else 0.0
+        if fitted is not None and brought > -math.log(ODDS / FEWEST):
             unit = root.system.inputs[root.system.input_names.index(name)].unit
             known_to = max(float(np.ptp(problem.records[0][name].values)) * 1e-3, 1e-12)
             claims.append(_claim(names[name], _differences(problem.records, trial.records, name, found), unit, known_to))
-            sentence = f"spikes of {name} mended: twice the likelihood gain {brought:.1f}"
-            steps.append(Step((), fitted.criterion, fitted.fit.log_likelihood, sentence))
+            sentence = f"spikes of {name} mended: the log likelihood rises by {brought:.1f}"
+            steps.append(Step((), math.nan, fitted.fit.log_likelihood, sentence))
             problem, root = trial, fitted
     return problem, root, claims, steps
 
@@ -130,7 +131,7 @@ def _claim(name: str, spikes: Sequence[Spikes], unit: str, sigma: float) -> Clai
     }
     records = tuple(sorted({spike.record for spike in spikes}))
     text = f"{count} isolated sample(s) of the channel are wrong, by {size:.3g} {unit} (root mean square); they were set aside in every fit"
-    return Claim(name, parameters, (), True, records, text, weighed=Weighed(Ground.SAMPLES))
+    return Claim(name, parameters, (), True, records, text)
 
 
 def _sigma(fitted: FittedModel, channel: str) -> float:

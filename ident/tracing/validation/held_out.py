@@ -23,10 +23,9 @@ from ident.tracing.candidate_model.fitted_model import (
     levels_of,
     local_names,
 )
-from ident.tracing.diagnosis import Candidate, Trained
+from ident.tracing.diagnosis import Trained
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
-from ident.tracing.validation.scatter_of_change import scatter_of_change
 from ident.tracing.validation.training_knowledge import prior_where_both_meet, training_prior
 from ident.tracing.validation.whiteness import whiteness
 from ident.whole_record.fit_problem import FitProblem
@@ -50,18 +49,12 @@ class HeldOutData:
     """Records that are not fitted, with spikes of their inputs mended; empty where there are none.
 
     ``masks`` ``(m, N)`` a record, True where a sample counts; None where the declared model cannot be simulated on them. ``declared`` : what
-    that model does there. ``choosing`` : they take part in choosing effects, since one fitted record alone cannot tell which replicate.
+    that model does there.
     """
 
     records: Sequence[Record] = ()
     masks: Sequence[np.ndarray] | None = None
     declared: HeldOut = HeldOut(None, None)
-    choosing: bool = False
-
-    @property
-    def label(self) -> str:
-        """What these data are called: held out only where they took no part in choosing."""
-        return "not fitted" if self.choosing else "held out"
 
 
 def predicted_by(fitted: FittedModel, held: HeldOutData, *, informed: bool = True) -> HeldOut:
@@ -88,68 +81,6 @@ def held_out(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.
         tries = [each for each in (frozen, again) if each is not None]
         frozen = min(tries, key=lambda each: each.fit.cost, default=None)
     return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
-
-
-def charged_cost(fitted: FittedModel, out: HeldOut, held: HeldOutData) -> float:
-    """Twice the cost on data that take part in choosing, and the price of what each of their records has for itself; zero where none do.
-
-    Infinite where the set cannot be fitted there.
-    """
-    if not held.choosing:
-        return 0.0
-    if out.informed is None:
-        return float("inf")
-    own = sum(len(local_names(effect)) for effect in fitted.foreground)
-    return 2.0 * out.informed.cost + len(held.records) * own * float(np.log(out.informed.counts.sum()))
-
-
-def with_event(fitted: FittedModel, record: Record, mask: np.ndarray, event: Traceable, most: int = 2) -> Fit | None:
-    """A fitted model, frozen, on a record that was not fitted, with an event that is looked for there; None where none comes out better.
-
-    ``most`` : places from which it is fitted.
-    """
-    others = _others(fitted, [record], [mask])
-    plain = others.fit_event_by_event()
-    if plain is None:
-        return None
-    starts = [start for found in screen(plain, [event], search_context(plain)) for start in found.starts[:most]]
-    tries = [others.fit([*plain.effects, event], plain, start) for start in starts]
-    best = min((each for each in tries if each is not None), key=lambda each: each.fit.cost, default=None)
-    return best.fit if best is not None and best.fit.cost < plain.fit.cost else None
-
-
-def with_held_out_change(evidence: Sequence[Candidate], models: Mapping[frozenset[str], FittedModel], held: HeldOutData) -> list[Candidate]:
-    """The evidence with the change of the held-out error by each candidate whose set was kept: of a geometric mean over the samples.
-
-    What was cross-validated keeps the change found there. Events are left out: they would have to be looked for anew in each
-    held-out record; and so are those that bring little compared with another.
-    """
-    most = max((candidate.gain for candidate in evidence if candidate.fitted), default=0.0)
-    before = held.declared.frozen
-    done: dict[frozenset[str], Fit | None] = {frozenset(): before}
-
-    def fit_of(names: frozenset[str]) -> Fit | None:
-        if names not in done:
-            fitted = models.get(names)
-            usable = before is not None and fitted is not None and not any(belongs_to_record(effect) for effect in fitted.effects)
-            done[names] = predicted_by(fitted, held, informed=False).frozen if usable and fitted is not None else None
-        return done[names]
-
-    out = []
-    for candidate in evidence:
-        if candidate.held_out_change is not None:
-            out.append(candidate)
-            continue
-        names = frozenset(candidate.within)
-        after = fit_of(names | {candidate.name}) if candidate.fitted and candidate.gain > thresholds.LITTLE * most else None
-        base = fit_of(names) if after is not None else None
-        if before is None or after is None or base is None:
-            out.append(candidate)
-            continue
-        level, start = ((fit.cost - before.cost) / float(fit.counts.sum()) for fit in (after, base))
-        left = float(np.exp(np.clip(level - start, -50.0, 50.0)))
-        out.append(replace(candidate, held_out_change=left - 1.0, held_out_scatter=left * scatter_of_change(base, after)))
-    return out
 
 
 def doubted(out: HeldOut) -> bool:
@@ -201,7 +132,7 @@ class _Others:
             layout = replace(layout, prior=prior)
         # A free simulation has no filter; under training's knowledge the process noise is that of training.
         fit = fit_whole_records(FitProblem(layout), guesses) if prior is None else fit_as_declared(layout, guesses, self.levels)
-        return None if fit is None else FittedModel(tuple(effects), self.declared, full, system, fit, 0.0, 0)
+        return None if fit is None else FittedModel(tuple(effects), self.declared, full, system, fit)
 
     def _usual_biases(self) -> dict[str, float]:
         """Biases of the sensors as the fitted records have them in the mean: trim is among them, far from where a slow motion could begin."""
@@ -234,7 +165,7 @@ class _Others:
             if base is None:
                 continue
             again = self._with(base, rest, effect)
-            best = again if again is not None and again.fit.cost < best.fit.cost - thresholds.BETTER_PLACE else best
+            best = again if again is not None and again.fit.cost < best.fit.cost - 0.5 else best  # less is the same optimum
         return best
 
     def _with(self, base: FittedModel, rest: Sequence[Traceable], effect: Traceable, *further: Mapping[str, float]) -> FittedModel | None:

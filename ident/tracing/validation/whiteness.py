@@ -24,6 +24,16 @@ def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
     return tests
 
 
+def is_white(fit: Fit, least: float = thresholds.COLOURED) -> bool:
+    """Whether no channel of any record shows correlation: no p-value of Ljung-Box below ``least``."""
+    for problem, residual in zip(fit.layout.problems, fit.residuals, strict=True):
+        for i, name in enumerate(fit.layout.system.output_names):
+            enough = np.count_nonzero(problem.valid[i]) >= thresholds.FEWEST_SAMPLES
+            if enough and ljung_box(residual[i], problem.valid[i], name).p_value <= least:
+                return False
+    return True
+
+
 def low_frequency_power(residual: np.ndarray, valid: np.ndarray, time: np.ndarray, channel: str) -> ResidualTest:
     """Is there more power below 4 Hz than white noise of the same total has? Chi-squared of the periodogram's sum."""
     from scipy.special import betainc

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, Quantity, Requirement, Step
+from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Quantity, Requirement, Step
 from scenarios.diagnosis.noise_words import residual_levels
 from scenarios.diagnosis.report.data_words import record_labels
 from scenarios.diagnosis.report.evidence import warnings_of
@@ -26,7 +26,7 @@ from scenarios.preparation.record_words import record_content
 if TYPE_CHECKING:
     from scenarios.maneuver_design.design import Design
 
-SCHEMA = "flightid/diagnosis/1"
+SCHEMA = "flightid/diagnosis/2"
 DECIDES = "decides.csv"  # the input to be flown, beside the diagnosis
 
 
@@ -55,7 +55,6 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         **levels_both(tracing),
         "error": {
             "held_out": d.held_out,
-            "used_to_choose": d.used_to_choose,
             "unit": {name: units[name] for name in d.error_before.rmse if name in units},
             "before": _errors(d.error_before),
             "after": _errors(d.error_after),
@@ -133,20 +132,9 @@ def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, 
     out |= {"one_step_gains": list(claim.one_step_gains)} if claim.one_step_gains else {}
     out |= {"records": list(claim.records)} if claim.records else {}
     out |= {"derivatives_under": {member: quantities(each) for member, each in claim.derivatives_under.items()}} if claim.derivatives_under else {}
-    out |= {"evidence": _evidence(claim.evidence, records)} if claim.evidence is not None else {}
+    out |= {"spread": bounded(claim.spread)} if claim.spread is not None else {}
+    out |= {"by_record": {label: quantities(each) for label, each in zip(records, claim.by_record, strict=False)}} if claim.by_record else {}
     return out | ({"explanation": claim.explanation} if claim.explanation else {})
-
-
-def _evidence(evidence: Evidence, records: Sequence[str]) -> dict[str, Any]:
-    """``by_record`` in the order of ``records``; derivatives under the effect itself first, then each alternative."""
-    return {
-        "error_left": bounded(evidence.error_left),
-        "error_left_std": positive(evidence.error_left_std),
-        **({"beside": list(evidence.already_in_model)} if evidence.already_in_model else {}),
-        "records": list(records[: len(evidence.by_record)]),
-        "by_record": [quantities(each) for each in evidence.by_record],
-        "derivatives": {member: quantities(each) for member, each in evidence.derivatives.items()},
-    }
 
 
 def _errors(figures: ErrorFigures) -> dict[str, dict[str, float]]:
@@ -178,27 +166,23 @@ def test_content(test: ResidualTest) -> dict[str, Any]:
 def _step(step: Step) -> dict[str, Any]:
     return {
         "effects": list(step.effects),
-        "criterion": bounded(step.criterion),
+        "log_evidence": bounded(step.log_evidence),
         "log_likelihood": bounded(step.log_likelihood),
         "sentence": step.sentence,
     }
 
 
 def _candidate(c: Candidate) -> dict[str, Any]:
-    out: dict[str, Any] = {
+    return {
         "round": c.round,
         "within": list(c.within),
         "name": c.name,
         "gain": bounded(c.gain),
-        "p_value": bounded(c.p_value),
+        "weight": bounded(c.weight),
         "fitted": c.fitted,
-        "plausible": c.plausible,
         "parameters": quantities(c.parameters),
         "collinear_with": list(c.collinear_with),
     }
-    out |= {"held_out_change": bounded(c.held_out_change)} if c.held_out_change is not None else {}
-    out |= {"held_out_scatter": bounded(c.held_out_scatter)} if c.held_out_scatter is not None else {}
-    return out | ({"remark": c.remark} if c.remark else {})
 
 
 def _undetermined(d: Diagnosis) -> list[str]:

@@ -1,4 +1,4 @@
-"""Why an effect is claimed although what remains is not noise, in words; and what remains, condensed."""
+"""What speaks for an effect where what remains is not noise, in words; and what remains, condensed."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, FittedRecord, Quantity
+from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Quantity
 from ident.tracing.residual_structure import Leftover, left_over
 from scenarios.diagnosis.overflows import overflow_sentence
 from scenarios.diagnosis.report.declared_only import nothing_stands
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.own_models import is_of_aircraft
 from scenarios.terminal.display_units import shown_in, spaced
-from scenarios.terminal.quantities import CHANNELS, displayed, value_text, with_sigma
+from scenarios.terminal.quantities import CHANNELS, displayed, value_text
 
 FEW = 2  # parameters whose values are worth comparing between records
 FORMS = {"itself": "{}", "rate": "the rate of {}", "square": "the square of {}", "product": "the product of {} and the {control}"}
@@ -26,48 +26,37 @@ EVEN = 1.6  # times the rms, up to which no moment stands out
 
 
 def evidence_sentences(claim: Claim) -> list[str]:
-    """That an effect replicates, and by how much it lowers the error, with which effects already in the model; nothing without evidence."""
-    evidence = claim.evidence
-    if evidence is None:
+    """How the evidence for an effect is spread, and its values from each record; nothing where what remains is noise."""
+    if claim.spread is None:
         return []
-    before = f"of what it is with {' and '.join(evidence.already_in_model)} alone" if evidence.already_in_model else "of what it was"
-    lowered = f"cuts the error on records that were not fitted to {value_text(evidence.error_left, evidence.error_left_std)} {before}"
-    count = len(evidence.by_record)
-    values = by_record_text(evidence)
-    if values and evidence.own_values:
-        return [f"each of {count} records has a value of its own ({values}); it {lowered}"]
-    apart = apart_text(claim)
-    if values and apart:
-        return [f"each of {count} records gives it ({values}), but {apart}; it {lowered}"]
-    if values:
-        return [f"it comes out alike from each of {count} records ({values}) and {lowered}"]
-    return [f"it helps on records that were not fitted, of {count} in all, and {lowered}" if count else f"it {lowered}"]
+    told = f"its log evidence is {claim.spread:.1f} times the scatter of that between blocks of a second" if math.isfinite(claim.spread) else ""
+    values, apart = by_record_text(claim.by_record), apart_text(claim)
+    each = f"from each of {len(claim.by_record)} records: {values}" if values else ""
+    return [part for part in (told, f"{each}, but {apart}" if each and apart else each) if part]
 
 
 def apart_text(claim: Claim) -> str:
-    """Where the value of the joint fit is not what the records say in the mean, by their scatter and both sigmas; empty where it is."""
+    """Where values of the records differ by more than their sigmas say; empty where they agree."""
     told = []
-    for name, joint in claim.parameters.items():
-        each = [found[name] for found in (claim.evidence.by_record if claim.evidence is not None else ()) if name in found]
-        if len(each) < 2 or not math.isfinite(joint.std):
-            continue
+    for name in claim.by_record[0] if claim.by_record else ():
+        each = [found[name] for found in claim.by_record]
         values, sigmas = np.array([q.value for q in each]), np.minimum([q.std for q in each], LARGEST)
-        mean, scatter = float(np.mean(values)), float(max(np.std(values, ddof=1), np.sqrt(np.mean(sigmas**2))))
-        left = scatter / math.sqrt(len(values))
-        if abs(joint.value - mean) > APART * math.hypot(left, joint.std):
-            found = with_sigma(Quantity(mean, left, joint.unit), name=name)
-            told.append(f"all fitted together give {name} {with_sigma(joint, name=name)}, their mean is {found}: the two do not agree")
+        weight = sigmas**-2
+        mean = float(values @ weight / weight.sum())
+        scatter = math.sqrt(float(np.sum(((values - mean) / sigmas) ** 2)) / (len(values) - 1))
+        if scatter > APART:
+            told.append(f"{name} differs between them by {scatter:.1f} of their sigmas")
     return "; ".join(told)
 
 
-def by_record_text(evidence: Evidence) -> str:
+def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
     """Values from each record with their unit: ``"0.058, 0.063, 0.060 s"``; empty for a curve, whose numbers trade off."""
-    names = list(evidence.by_record[0]) if evidence.by_record else []
+    names = list(by_record[0]) if by_record else []
     if not 0 < len(names) <= FEW:
         return ""
     told = []
     for name in names:
-        shown = [displayed(each[name], name) for each in evidence.by_record if name in each]
+        shown = [displayed(each[name], name) for each in by_record if name in each]
         known = [std for _, std, _ in shown if 0.0 < std < math.inf]
         digits = max(0, -math.floor(math.log10(min(known)))) if known else 3
         unit = shown[0][2] if shown[0][2] not in ("", "1") else ""

@@ -101,14 +101,13 @@ def write_residuals(path: Path, fitted: FittedRecord) -> None:
 
 
 def write_evidence(path: Path, candidates: Sequence[Candidate]) -> None:
-    """Every candidate of every round, one row each; cells of what was not computed are empty."""
-    header = ["round", "within", "name", "gain", "p_value", "fitted", "plausible", "held_out_change", "collinear_with", "parameters", "remark"]
+    """Every candidate of every round, one row each; parameters of those that were fitted."""
+    header = ["round", "within", "name", "gain", "weight", "fitted", "collinear_with", "parameters"]
     rows = []
     for c in candidates:
-        held = "" if c.held_out_change is None else repr(bounded(c.held_out_change))
         parameters = "; ".join(_cell(name, q) for name, q in c.parameters.items())
-        numbers = [repr(bounded(c.gain)), repr(bounded(c.p_value)), str(int(c.fitted)), str(int(c.plausible)), held]
-        rows.append([str(c.round), " ".join(c.within), c.name, *numbers, " ".join(c.collinear_with), parameters, c.remark])
+        numbers = [repr(bounded(c.gain)), repr(bounded(c.weight)), str(int(c.fitted))]
+        rows.append([str(c.round), " ".join(c.within), c.name, *numbers, " ".join(c.collinear_with), parameters])
     _write(path, header, rows)
 
 

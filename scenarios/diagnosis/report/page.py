@@ -14,7 +14,7 @@ from scenarios.diagnosis.report.evidence import evidence_sentences, member_table
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_rows, levels_title
 from scenarios.diagnosis.report.probabilities import probability_sentence
-from scenarios.diagnosis.report.tables import candidate_rows, weighed_rows
+from scenarios.diagnosis.report.tables import candidate_rows
 from scenarios.diagnosis.report.wording import parameter_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.own_models import channel_units
@@ -36,11 +36,14 @@ TONES = {
     Verdict.UNEXPLAINED: "open",
 }
 PRINTED = 10  # candidates that stand on paper
-CANDIDATES = ("round", "candidate", "gain", "p", "not fitted", "parameters", "remarks")
+CANDIDATES = ("round", "candidate", "gain", "with odds", "parameters", "remarks")
 CANDIDATES_NOTE = (
-    "Gain of the log likelihood; p of one candidate taken by itself; change of the error on data not fitted. Where a candidate was screened "
-    "only, gain and parameters are those of its linearised signature. The largest gain does not decide: an effect has to help on data that were "
-    "not fitted as well."
+    "Gain of the log evidence, and the same with the prior odds: above zero it is more probable that the candidate acts than that it does not. "
+    "Where it is linearised, both are those of its signature, and it was not fitted."
+)
+REPLICATION_NOTE = (
+    "What remains is not noise. So the evidence for an effect has to be spread over the records: its sum over its scatter between blocks of a "
+    "second is z of Vuong's test. Values from each record have the derivatives in common."
 )
 GUARD_NOTE = "A name that begins with guard: is a term that no effect of the library has; it competes, and where it wins nothing is claimed."
 
@@ -97,12 +100,8 @@ def _effect(claim: Claim, tracing: Tracing) -> Section:
 
 
 def _replication(d: Diagnosis, figure: Figure | None) -> tuple[Section, ...]:
-    proven = [Prose(f"{_capital(' '.join(evidence_sentences(claim)))}.", term=f"{claim.name}:") for claim in d.effects if claim.evidence is not None]
-    if not proven:
-        return ()
-    caption = "Each record was left out in turn and predicted by what the others give; not fitted: change of that error, all channels and records"
-    weighed = rows_table(caption, ("effect", "not fitted", "cross-validated?", "parameters"), weighed_rows(d), PRINTED)
-    return section("Replication", *proven, figure, weighed)
+    told = [Prose(f"{_capital('; '.join(evidence_sentences(claim)))}.", term=f"{claim.name}:") for claim in d.effects if evidence_sentences(claim)]
+    return section("Replication", *told, figure, Prose(REPLICATION_NOTE, "note")) if told else ()
 
 
 def _kinematics(tracing: Tracing) -> tuple[Section, ...]:

@@ -5,23 +5,21 @@ from __future__ import annotations
 import math
 
 from ident.tracing.diagnosis import Claim
-from ident.tracing.name_probability import SOMETHING_ELSE
 
 LEAST = 0.005  # half a per cent rounds to nothing
 
 
 def shown_probability(claim: Claim) -> dict[str, float]:
-    """The claimed name first, then what could take its place, the likeliest first, and something else; three digits, without what is below ``LEAST``.
+    """The claimed name first, then what could take its place, the likeliest first; three digits, without what is below ``LEAST``.
 
-    Empty where the claim was not weighed.
+    Empty of hints.
     """
     found = {name: p for name, p in claim.probability.items() if math.isfinite(p) and p >= LEAST}
-    places = {claim.name: 0, SOMETHING_ELSE: 2}
-    return {name: round(found[name], 3) for name in sorted(found, key=lambda name: (places.get(name, 1), -found[name], name))}
+    return {name: round(found[name], 3) for name in sorted(found, key=lambda name: (name != claim.name, -found[name], name))}
 
 
 def probability_sentence(claim: Claim) -> str:
-    """``"Probability that this is its name: 93 %; sensor-lag:q 5 %, something else 2 %"``; empty where the claim was not weighed."""
+    """``"Probability that this is its name: 93 %; sensor-lag:q 5 %"``; empty of hints."""
     mine = claim.probability.get(claim.name, math.nan)
     if not math.isfinite(mine):
         return ""

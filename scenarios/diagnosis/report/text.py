@@ -26,7 +26,6 @@ from scenarios.diagnosis.report.tables import (
     moved_title,
     short,
     sigma_note,
-    weighed_rows,
 )
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.diagnosis.tracing import Tracing
@@ -38,7 +37,7 @@ from scenarios.terminal.quantities import CHANNELS, value_text
 from scenarios.terminal.summary import BELOW, Summary, residual_phrase, summary_lines
 from scenarios.terminal.tables import columns_of, table_lines
 
-WORDS = ("parameters", "remarks", "cross-validated?")  # headings of columns of words, at the left wherever they stand
+WORDS = ("parameters", "remarks")  # headings of columns of words, at the left wherever they stand
 
 
 def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -> str:
@@ -79,7 +78,6 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), values, width) for members, values in member_tables(d)),
         _shown_of(d, "", ("derived", *DERIVED_HEADINGS), derived_rows(d), width),
         _level_lines(tracing, width),
-        _titled(WEIGHED_TITLE, ("effect", "not fitted", "cross-validated?", "parameters"), weighed_rows(d), width, left=1),
         _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, keys=2),
         [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
         [line for note in tracing.notes for line in wrapped(f"note: {note}", width)],
@@ -88,10 +86,9 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
-WEIGHED_TITLE = "cross-validation: change of the error on records that were not fitted, and whether the effect passes"
 MEMBER_TITLE = "derivatives under each effect that these data cannot tell apart (* more than two of both sigmas from the first)"
-CANDIDATE_HEADINGS = ("round", "candidate", "gain", "p", "not fitted", "parameters", "remarks")
-CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p of one by itself; change of the error on data not fitted"
+CANDIDATE_HEADINGS = ("round", "candidate", "gain", "with odds", "parameters", "remarks")
+CANDIDATE_TITLE = "best candidates of each round: gain of the log evidence, and the same with the prior odds"
 
 
 def wording_of(tracing: Tracing) -> Wording:
@@ -111,10 +108,9 @@ def where_predicted(tracing: Tracing) -> str:
     names = [record.name for record in tracing.validation]
     if not tracing.diagnosis.held_out:
         return "the fitted record"
-    held, note = ("", " (not fitted, but used to choose)") if tracing.diagnosis.used_to_choose else ("held-out ", "")
     if tracing.held_out_from is not None:
-        return f"the {held or 'last '}part of {names[0]}, from {tracing.held_out_from:g} s on{note}"
-    return f"the {held}record{'s' if len(names) > 1 else ''} {', '.join(names)}{note}"
+        return f"the held-out part of {names[0]}, from {tracing.held_out_from:g} s on"
+    return f"the held-out record{'s' if len(names) > 1 else ''} {', '.join(names)}"
 
 
 def headline(tracing: Tracing) -> str:
@@ -124,16 +120,16 @@ def headline(tracing: Tracing) -> str:
     told = " and ".join(group_sentence(claim, wording) for claim in claimed)
     if not claimed:
         return _untouched(tracing)
-    proven = [claim for claim in claimed if claim.evidence is not None]
+    proven = [claim for claim in claimed if claim.spread is not None]
     parts = [told if d.verdict is not Verdict.AMBIGUOUS else f"most likely {told}"]
     if proven:
         parts = ["; ".join([group_sentence(claim, wording), *evidence_sentences(claim)]) for claim in proven]
-        parts = [group_sentence(claim, wording) for claim in claimed if claim.evidence is None] + parts
+        parts = [group_sentence(claim, wording) for claim in claimed if claim.spread is None] + parts
     error, rough = _error_phrase(tracing), [claim for claim in claimed if claim.one_step_gains]
     if rough:
         # The history of gusts is not known: no free simulation can tell of them, and none has judged.
         parts.append("; ".join(one_step_phrase(claim, tracing) for claim in rough))
-    elif error and not proven:
+    elif error:
         parts.append(f"with that, {error}")
     name = _most_moved(d)
     if name:
@@ -166,7 +162,7 @@ def effect_heading(claim: Claim, wording: Wording) -> str:
     """Name, sentence, and what has to be said with it."""
     hint = "" if claim.claimed else "hint only, not claimed: "
     where = f" (in record {', '.join(str(number + 1) for number in claim.records)})" if claim.records else ""
-    return f"{hint}{group_sentence(claim, wording) if claim.evidence is not None else sentence(claim, wording)}{where}"
+    return f"{hint}{group_sentence(claim, wording) if claim.spread is not None else sentence(claim, wording)}{where}"
 
 
 def _shown_of(d: Diagnosis, title: str, headings: Sequence[str], cells: Sequence[Sequence[str]], width: int, note: str = "") -> list[str]:

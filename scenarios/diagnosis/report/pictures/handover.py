@@ -86,13 +86,12 @@ def unpacked(content: bytes) -> tuple[Pictured, Path, Formats]:
 
 
 def _candidate(c: Candidate) -> list[Any]:
-    told = [c.held_out_change, list(c.collinear_with), c.remark, c.held_out_scatter]
-    return [c.round, list(c.within), c.name, c.gain, c.p_value, c.fitted, c.plausible, *told]
+    return [c.round, list(c.within), c.name, c.gain, c.weight, c.fitted, list(c.collinear_with)]
 
 
 def _read_candidate(some: list[Any]) -> Candidate:
-    number, within, name, gain, p_value, fitted, plausible, change, like, remark, scatter = some
-    return Candidate(number, tuple(within), name, gain, p_value, fitted, plausible, {}, change, tuple(like), remark, scatter)
+    number, within, name, gain, weight, fitted, like = some
+    return Candidate(number, tuple(within), name, gain, weight, fitted, {}, tuple(like))
 
 
 def _read_standing(some: Mapping[str, Any]) -> Standing:

@@ -32,8 +32,8 @@ def pictured(tracing: Tracing) -> Pictured:
 
 def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:
     labels = tuple(record_labels(tracing))
-    proven = [(claim, claim.evidence.by_record) for claim in tracing.diagnosis.effects if claim.evidence is not None]
-    return tuple(Replicated(claim.name, labels[: len(each)], each, claim.parameters) for claim, each in proven if each and each[0])
+    told = [claim for claim in tracing.diagnosis.effects if claim.by_record]
+    return tuple(Replicated(claim.name, labels[: len(claim.by_record)], claim.by_record, claim.parameters) for claim in told)
 
 
 def bounded_series(values: np.ndarray) -> np.ndarray:

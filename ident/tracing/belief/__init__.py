@@ -1,1 +1,0 @@
-"""What is believed of parameters before any record, and what it means for a claim."""

@@ -1,0 +1,74 @@
+"""The declared model fitted to the records, and what it predicts of data that are not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.diagnosis import Claim, Step
+from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, mended_inputs, spike_masks
+from ident.tracing.validation.held_out import HeldOutData, held_out
+from ident.whole_record.failed_fit import failed_fit
+from sim.errors import ModelError
+from sim.record import Record
+
+
+@dataclass(frozen=True, eq=False)
+class Declared:
+    """The declared model as fitted.
+
+    Attributes
+    ----------
+    problem : with inputs mended and provisional spikes set aside. root : the fit.
+    spikes : claims of wrong samples of recorded inputs, which were mended. steps : what was done.
+    """
+
+    problem: TraceProblem
+    root: FittedModel
+    spikes: tuple[Claim, ...]
+    steps: tuple[Step, ...] = ()
+
+
+def fit_declared(problem: TraceProblem) -> Declared:
+    """Fit the declared model, mend recorded inputs, set provisional spikes aside.
+
+    Raises
+    ------
+    ModelError : no finite cost, or a fit that has failed (``ident.whole_record.failed_fit``).
+    """
+    problem.progress("fitting the declared model", 0.0)
+    root = problem.fit((), None)
+    if root is None:
+        raise ModelError(
+            "the declared model has no finite cost on these records",
+            where=problem.records[0].name,
+            remedy="check units and starting values",
+        )
+    values = {item.name: item.value for item in problem.model.parameters if item.free}
+    why, remedy = failed_fit(root.fit, values)
+    if why:  # a second attempt from where the first one ended
+        root = problem.fit((), root) or root
+        why, remedy = failed_fit(root.fit, values)
+    if why:
+        names = ", ".join(dict.fromkeys(record.name for record in problem.records))
+        what = f"the fit of the declared model has failed: {why}"
+        raise ModelError(what, where=names, remedy=remedy)
+    problem, root, spikes, steps = cleaned_inputs(problem, root)
+    masked = problem.with_masks(spike_masks(problem, root))
+    again = masked.fit((), root)
+    if again is None:
+        return Declared(problem, root, tuple(spikes), tuple(steps))
+    return Declared(masked, again, tuple(spikes), tuple(steps))
+
+
+def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutData:
+    """Data that are not fitted: inputs mended, samples that count, the declared model there."""
+    if not validation:
+        return HeldOutData()
+    problem = declared.problem
+    records = [mended_inputs(problem, record, declared.spikes) for record in validation]
+    first = held_out(declared.root, validation, None, informed=False)
+    masks = held_out_masks(first, records, problem.outputs)
+    return HeldOutData(records, masks, held_out(declared.root, records, masks, informed=False))

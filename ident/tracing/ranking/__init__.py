@@ -1,1 +1,0 @@
-"""Sets that are near each other compared, and one of them chosen."""

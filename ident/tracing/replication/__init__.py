@@ -1,1 +1,0 @@
-"""Effects that come out alike from record to record."""
