@@ -111,7 +111,10 @@ def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Deci
         return _by_sets(search, best) if quiet else _undecided(search, best)
     base = (discrepancy, *best.fitted.background)
     near = Search(problem, search.candidates, base, title="a model discrepancy")
-    small = _beside_small_discrepancy(search, near, best, exact=quiet)
+    supported = _supported(near, best)
+    if quiet and best.weight >= near.best().weight:
+        return _by_sets(search, best)
+    small = _beside_small_discrepancy(search, near, best, supported, exact=quiet)
     if small is not None:
         return small
     if quiet:
@@ -213,15 +216,21 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
 
 
 def _beside_small_discrepancy(
-    white: Search, search: Search, best: Weighed, *, exact: bool
+    white: Search,
+    search: Search,
+    best: Weighed,
+    supported: tuple[Weighed, dict[str, float]],
+    *,
+    exact: bool,
 ) -> Decision | None:
     """The decision where the discrepancy beside the best set is of no consequence.
 
     Filters in the instrumentation and small curves of the aircraft colour a residual, and a search
     under white noise adds effects for that: those are left out again. None where the discrepancy
-    is larger. ``exact`` : whether the best set leaves noise, as probabilities suppose.
+    is larger. ``supported`` : of ``_supported``. ``exact`` : whether the best set leaves noise, as
+    probabilities suppose.
     """
-    found, nearly = _supported(search, best)
+    found, nearly = supported
     guards = white.problem.guards & found.names
     plain = _slight(white, search, found, guards)
     if plain is None and guards:

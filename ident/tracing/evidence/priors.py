@@ -17,6 +17,7 @@ from sim.declaration.proposal import SearchContext, Traceable
 DECLARED = 0.3  # one sigma of a derivative of the vehicle file, as a share of it
 ODDS = 0.03  # of one family of effects against its absence: one cause in thirty comes to mind
 FEWEST = 5  # members that a family's odds are shared by at least: a lone member is not likelier
+OUTSIDE = 0.1  # odds of a guard over those of an effect: the form of no known cause
 BACKGROUND_ODDS = 0.5  # of motion that any record may have
 _UNLIMITED = 1e5  # the value of a limit that is absent is larger than this
 _LIMIT_TIMES = 3.0  # factor: one sigma of a limit about where it was found
@@ -78,7 +79,7 @@ def log_odds(effects: Iterable[Traceable], families: Mapping[str, int]) -> float
             total += math.log(BACKGROUND_ODDS)
         else:
             shared = max(FEWEST, families.get(family(effect.name), 1))
-            total += math.log(ODDS / shared)
+            total += math.log(ODDS * (OUTSIDE if effect.traits.guard else 1.0) / shared)
     return total
 
 

@@ -225,26 +225,49 @@ def _placed(
     r: int,
 ) -> list[Place]:
     """Places of an effect in one record."""
-    out = []
-    rows = ready.rows[r]
-    root, e = ready.root[rows], ready.e[rows]
+    out: list[Place] = []
     for probe, parts in usable:
-        own = parts[r]
-        m, count, k = own.shape
-        mean, sigma = factors_prior(effect, probe, context)
-        shifts = list(range(0, count - 3, max(1, count // PLACES))) if probe.shifts else [0]
-        moved = np.zeros((m, count, len(shifts) * k))
-        for number, shift in enumerate(shifts):
-            moved[:, shift:, number * k : (number + 1) * k] = own[:, : count - shift]
-        W = np.ascontiguousarray(ready.whiten(r, moved).T).reshape(len(shifts), k, -1)
-        inside = (W.reshape(len(shifts) * k, -1) @ root).reshape(len(shifts), k, -1)
-        grams = W @ W.swapaxes(1, 2) - inside @ inside.swapaxes(1, 2)
-        gains, factors = closed_forms(grams, W @ e, mean, sigma)
-        for number, shift in enumerate(shifts):
-            if _possible(effect, probe, factors[number]):
-                gain = float(gains[number])
-                out.append(Place(gain, probe, shift, W[number].T, mean, sigma))
+        known = factors_prior(effect, probe, context)
+        count = parts[r].shape[1]
+        step = max(1, count // PLACES)
+        coarse = list(range(0, count - 3, step)) if probe.shifts else [0]
+        found = _at_shifts(ready, effect, r, parts[r], probe, known, coarse)
+        if probe.shifts and found and step > 1:
+            # The likelihood of a sharp event has an optimum at every sample.
+            best = max(found, key=lambda place: place.gain).shift
+            near = range(max(best - step + 1, 0), min(best + step, count - 3))
+            fine = _at_shifts(
+                ready, effect, r, parts[r], probe, known, [each for each in near if each != best]
+            )
+            found += sorted(fine, key=lambda place: -place.gain)[:1]
+        out += found
     return out
+
+
+def _at_shifts(
+    ready: Prepared,
+    effect: Traceable,
+    r: int,
+    own: np.ndarray,
+    probe: Probe,
+    known: tuple[np.ndarray, np.ndarray],
+    shifts: Sequence[int],
+) -> list[Place]:
+    """A signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of samples."""
+    (m, count, k), (mean, sigma) = own.shape, known
+    root, e = ready.root[ready.rows[r]], ready.e[ready.rows[r]]
+    moved = np.zeros((m, count, len(shifts) * k))
+    for number, shift in enumerate(shifts):
+        moved[:, shift:, number * k : (number + 1) * k] = own[:, : count - shift]
+    W = np.ascontiguousarray(ready.whiten(r, moved).T).reshape(len(shifts), k, -1)
+    inside = (W.reshape(len(shifts) * k, -1) @ root).reshape(len(shifts), k, -1)
+    grams = W @ W.swapaxes(1, 2) - inside @ inside.swapaxes(1, 2)
+    gains, factors = closed_forms(grams, W @ e, mean, sigma)
+    return [
+        Place(float(gains[number]), probe, shift, W[number].T, mean, sigma)
+        for number, shift in enumerate(shifts)
+        if _possible(effect, probe, factors[number])
+    ]
 
 
 def _joined(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]]) -> list[Lead]:

@@ -33,11 +33,13 @@ from ident.tracing.evidence.set_search import LinearSet, weighed_sets
 from ident.tracing.screening.context import search_context
 from ident.tracing.validation.whiteness import is_white
 from sim.declaration.effect import NoiseEffect, full_name
-from sim.declaration.proposal import Edged, SearchContext, Traceable
+from sim.declaration.proposal import Edged, Refinable, SearchContext, Traceable
 from sim.errors import ModelError
 
 ROUNDS = 6
 LEADERS = 4  # single effects that a round fits; half as many sets of each larger size
+SINGLES = 3  # single effects beside which others are looked for
+FINER = 4  # leading sets that are tried in the finer forms of their effects
 SHARES = (1.0, 0.3, 0.1)  # of a step of the linear world, in turn, until a fit begun there improves
 IMPROVES = 0.3  # of what the linear world promises
 SHIFTS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # s, by which an event is moved to look for its time
@@ -80,7 +82,8 @@ class Search:
     base : what stands in every set and is never named, such as a model discrepancy.
     begun : a fit of the base, where another search has made it. title : the noise, in words.
     visited : the fitted sets by the names of their effects, ``base`` included.
-    expanded : sets at which all candidates were scanned. steps, tried : how the search went.
+    expanded : sets at which all candidates were scanned. refined : those tried in finer forms.
+    steps, tried : how the search went.
     alike : of pairs of names, the largest cosine of what they would add. fits : how many were made.
 
     Raises
@@ -95,6 +98,7 @@ class Search:
     title: str = "white noise"
     visited: dict[Key, Weighed] = field(default_factory=dict)
     expanded: set[Key] = field(default_factory=set)
+    refined: set[Key] = field(default_factory=set)
     alike: dict[Key, float] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
     tried: list[Candidate] = field(default_factory=list)
@@ -196,9 +200,12 @@ class Search:
             if best.names in self.expanded or self.spent:
                 break
             self.expand(best)
+        self._in_finer_forms()
         for _ in range(2):
             top = self.best()
             members = sorted(self.added(top))
+            if len(members) > 1:
+                self._beside_others()
             for name in members if len(members) > 1 else ():
                 less = self.without(top, name)
                 if less is not None and less.names not in self.expanded and not self.spent:
@@ -207,7 +214,36 @@ class Search:
                 break
             if self.best().names not in self.expanded:
                 self.expand(self.best())
+            self._in_finer_forms()
         return self
+
+    def _in_finer_forms(self) -> None:
+        """Leading sets with the finer forms of their effects, each kept where it is likelier."""
+        ranked = sorted(self.visited.items(), key=lambda item: -item[1].weight)
+        for key, one in ranked[:FINER]:
+            forms = [
+                each.finer() if isinstance(each, Refinable) else each for each in one.fitted.effects
+            ]
+            if key in self.refined or forms == list(one.fitted.effects) or self.spent:
+                continue
+            self.refined.add(key)
+            known = {*one.fitted.values.shared, *one.fitted.values.own[0]}
+            absent = {
+                full_name(each, local): value
+                for each in forms
+                for local, value in each.absent.items()
+                if full_name(each, local) not in known
+            }
+            fitted = self.fit(forms, one.fitted, [absent] * len(one.fitted.values.own))
+            if fitted is not None:
+                self.kept(fitted)
+
+    def _beside_others(self) -> None:
+        """Scan at the single effects that promise most: that of the best set may stand for two."""
+        singles = [one for one in self.visited.values() if len(self.added(one)) == 1]
+        for one in sorted(singles, key=lambda each: -each.weight)[:SINGLES]:
+            if one.names not in self.expanded and not self.spent:
+                self.expand(one, most=2)
 
     def best(self) -> Weighed:
         """The set of largest posterior probability."""
@@ -235,7 +271,8 @@ class Search:
                 # Which set leads hangs on where its events are.
                 made.append(self._placed_better(max(made, key=lambda one: one.weight)))
         rough = has_process_noise(parent.fitted.system)
-        if self.base or not (rough or is_white(parent.fitted.fit, PROCESS_NOISE_OFFERED)):
+        offered = self.base or not (rough or is_white(parent.fitted.fit, PROCESS_NOISE_OFFERED))
+        if offered and most == LEADERS:
             made += self._with_process_noise(parent)
         self._tell(parent, beside, made)
 
