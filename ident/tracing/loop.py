@@ -21,7 +21,7 @@ from ident.tracing.diagnosis import (
     Trained,
     Verdict,
 )
-from ident.tracing.evidence.decision import NOISE, Decision, Named, decided
+from ident.tracing.evidence.decision import CERTAIN, NOISE, Decision, Named, decided
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks, spike_claims
@@ -186,7 +186,10 @@ def _of_guards(problem: TraceProblem, found: Decision) -> list[Caution]:
     if not guards:
         return []
     what = f"what is missing behaves like {', '.join(guards)}, which is no effect of the library"
-    return [Caution(Concern.GUARD, what)]
+    most = max(each.probability for each in found.hints if each.name in guards)
+    asked = f"the probability of {' and '.join(guards)}, outside the library,"
+    requirement = Requirement(asked, most, 1.0 - CERTAIN, at_least=False)
+    return [Caution(Concern.GUARD, what, requirement=requirement)]
 
 
 def _no_improvement(raised: float) -> Caution:
@@ -199,7 +202,8 @@ def _no_improvement(raised: float) -> Caution:
 def _claim(best: FittedModel, named: Named, gains: Sequence[float], *, claimed: bool) -> Claim:
     (effect,) = [each for each in best.effects if each.name == named.name]
     likely = sorted(named.alternatives.items(), key=lambda item: -item[1])
-    others = [name for name, share in likely if share > LIKELY][:ALTERNATIVES]
+    equal = effect.traits.equivalents
+    others = [name for name, share in likely if share > LIKELY or name in equal][:ALTERNATIVES]
     told = {named.name: named.probability, **{name: named.alternatives[name] for name in others}}
     random = isinstance(effect, NoiseEffect)
     return Claim(

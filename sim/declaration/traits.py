@@ -10,7 +10,6 @@ GUARD = "guard:"  # what a guard's printed name begins with
 
 _NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
 _NO_SIZES: Mapping[str, float] = MappingProxyType({})
-_NO_PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType({})
 _NO_NAMES: Mapping[str, tuple[str, float]] = MappingProxyType({})
 _NO_MANEUVERS: Mapping[str, str] = MappingProxyType({})
 
@@ -37,26 +36,19 @@ class Traits:
     same_as : local name -> (effect, least size): where this parameter is larger than that, the effect is the same thing under another name, which
         no record without further channels tells apart; a claim names it beside its own.
     never_beside : names of effects that are never in one set with it: of one slow fault, or one law of the airspeed, a record shows no more.
-    rarer_than : names of effects that explain the same and are the likelier cause: it takes their place only where the data prefer it.
     plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
     usual : local name -> one standard deviation of what is expected of it before any record is seen, about its absence; its declared
         size where it is not here.
-    loose : local names of parameters that a claim need not know: their sigma may exceed their value.
     oscillates : local names of frequencies, rad/s, that a record resolves only well below half its sampling rate.
-    dies_out : local name of the damping ratio of what it adds: a motion that need not die out is what a load that swings all along does, too.
-    static_parts : derivative -> local names whose product the effect adds to it when all is at rest.
     tried : local names of parameters that only trying finds, since no slope tells them: each is known to its prior about the value tried.
     in_input_unit : local names of parameters that are counted in the unit of the input, or that per second.
     onset : local name of the time from which it acts, searched for over the record; empty where there is none.
-    jumps : the output whose reading jumps at the onset by ``size``: in a record of that output alone it may be the motion in rows that were lost.
     lasts : local name of the time that an event lasts: where it is no longer than two samples, the recorder did it, and no force.
     per_record : True where the effect belongs to one record (an event, a drift): its parameters are fitted anew for each record, and it
         needs not act on all of them. Those in ``of_aircraft`` are excepted.
     of_aircraft : local names of parameters that any aircraft has and that are known beforehand to their prior: all records share them, and
         a search charges nothing for them.
     guard : True for a generic term that competes like an effect and is never claimed: where it wins, the library lacks the cause.
-    within : of a guard: names of effects of which it is a narrower form, so that it speaks for them.
-    also : of a guard: instances of general forms that look the same as long as they grow evenly; told beside it.
     wrong_samples_of : the output or recorded input whose isolated wrong samples it stands for: found by rule, never fitted.
     recorded_as : the input channel that records what this effect would have to guess: with it there is nothing to search for.
     within_interval : local name of a time that, where it is shorter than the sampling interval, tells how inputs are to be read between
@@ -75,23 +67,16 @@ class Traits:
     equivalents: tuple[str, ...] = ()
     same_as: Mapping[str, tuple[str, float]] = field(default_factory=lambda: _NO_NAMES)
     never_beside: tuple[str, ...] = ()
-    rarer_than: tuple[str, ...] = ()
     plausible: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
     usual: Mapping[str, float] = field(default_factory=lambda: _NO_SIZES)
-    loose: tuple[str, ...] = ()
     oscillates: tuple[str, ...] = ()
-    dies_out: str = ""
-    static_parts: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: _NO_PARTS)
     tried: tuple[str, ...] = ()
     in_input_unit: tuple[str, ...] = ()
     onset: str = ""
-    jumps: str = ""
     lasts: str = ""
     per_record: bool = False
     of_aircraft: tuple[str, ...] = ()
     guard: bool = False
-    within: tuple[str, ...] = ()
-    also: tuple[str, ...] = ()
     wrong_samples_of: str = ""
     recorded_as: str = ""
     within_interval: str = ""

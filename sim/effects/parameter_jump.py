@@ -75,7 +75,6 @@ class ParameterJump:
         return Traits(
             sentences=("from {time} on other parameters hold: {rest}",),
             plausible={name: (-size, size) for name, size in largest.items()},
-            loose=self.group,
             onset="time",
             per_record=True,
         )

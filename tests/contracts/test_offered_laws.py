@@ -93,7 +93,7 @@ def test_effects_speak_of_each_other_by_the_names_that_are_offered(vehicle: Equa
     names, labelled = {effect.name for effect in offered}, {stem(effect) for effect in offered if ":" in effect.name}
     for effect in offered:
         t = effect.traits
-        for other in (*effect.aliases, *t.twins, *t.equivalents, *t.rarer_than, *t.never_beside, *t.within):
+        for other in (*effect.aliases, *t.twins, *t.equivalents, *t.never_beside):
             # One that is not offered at all is of other equations; one whose label is missing would never be found.
             assert other in names or other not in labelled, f"{effect.name} speaks of {other}"
             if ":" in effect.name and ":" in other and stem(effect) in ON_INPUTS and other in names:

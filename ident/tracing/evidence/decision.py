@@ -181,7 +181,9 @@ def _alike(
         told = search.alike.get(frozenset((name, effect.name)), 0.0) > ALIKE
         if told or name in (*effect.traits.equivalents, *effect.traits.twins, *effect.aliases):
             found[name] = found.get(name, 0.0) + share
-    return {name: share for name, share in found.items() if share > 0.05 * (1.0 - CERTAIN)}
+    equal = effect.traits.equivalents
+    least = 0.05 * (1.0 - CERTAIN)
+    return {name: share for name, share in found.items() if share > least or name in equal}
 
 
 def _undecided(search: Search, best: Weighed) -> Decision:

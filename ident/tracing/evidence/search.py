@@ -215,6 +215,7 @@ class Search:
             if self.best().names not in self.expanded:
                 self.expand(self.best())
             self._in_finer_forms()
+        self._with_equivalents()
         return self
 
     def _in_finer_forms(self) -> None:
@@ -237,6 +238,19 @@ class Search:
             fitted = self.fit(forms, one.fitted, [absent] * len(one.fitted.values.own))
             if fitted is not None:
                 self.kept(fitted)
+
+    def _with_equivalents(self) -> None:
+        """The best set with each effect that no record tells from a member in its place."""
+        best = self.best()
+        offered = {each.name: each for each in self.candidates}
+        for effect in [each for each in best.fitted.effects if each.name in self.added(best)]:
+            rest = [each for each in best.fitted.effects if each is not effect]
+            for name in effect.traits.equivalents:
+                names = best.names - {effect.name} | {name}
+                if name in offered and name not in best.names and names not in self.visited:
+                    fitted = self.fit((*rest, offered[name]), best.fitted)
+                    if fitted is not None:
+                        self.kept(fitted)
 
     def _beside_others(self) -> None:
         """Scan at the single effects that promise most: that of the best set may stand for two."""

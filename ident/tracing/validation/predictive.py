@@ -24,10 +24,12 @@ def predictive_gains(less: FittedModel, more: FittedModel, held: HeldOutData, ou
     -------
     The rises; minus infinity where ``more`` cannot be simulated; empty without held-out data.
     """
-    if not held.records or held.declared.frozen is None:
+    if not held.records:
         return ()
     if out.frozen is None:
         return (-math.inf,)
+    if held.declared.frozen is None:
+        return (math.inf,)
     if not has_process_noise(more.system):
         return (held.declared.frozen.cost - out.frozen.cost,)
     gains = []

@@ -119,7 +119,6 @@ class DerivativeJump:
         return Traits(
             sentences=("the derivatives change at {time}: {rest}",),
             plausible={change.derivative: (-change.largest, change.largest) for change in (*self.moment, *self.lift)},
-            loose=tuple(change.derivative for change in (*self.moment, *self.lift)),
             onset="time",
             per_record=True,
         )

@@ -25,13 +25,6 @@ TURNED_BY = {"elevator": ("Cm_alpha", "Cm_de"), "delta": ("M_alpha", "M_delta"),
 BEYOND = 3.0
 
 # eta = control + angle_gain alpha.
-AT_REST: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        **{"Cm_de": ("moment",), "Cm_alpha": ("moment", "angle_gain"), "CL_de": ("lift",), "CL_alpha": ("lift", "angle_gain")},
-        **{"M_delta": ("moment",), "M_alpha": ("moment", "angle_gain")},
-        **{"Cn_dr": ("yaw",), "Cn_beta": ("yaw", "angle_gain"), "CY_dr": ("side_force",), "CY_beta": ("side_force", "angle_gain")},
-    }
-)
 
 
 @dataclass(frozen=True)
@@ -114,8 +107,6 @@ class ElasticMode:
             # A structure has .01 to .05, and with what the air takes from a first wing bending up to about .15.
             plausible={"frequency": (3.0, min(200.0, self.fastest)), "damping": (0.003, 0.2)},
             oscillates=("frequency",),
-            dies_out="damping",
-            static_parts=AT_REST,
         )
 
     @property

@@ -91,7 +91,6 @@ class FlowSeparation:
                 "lift-nonlinearity": "the stall approached slowly and then quickly: a curve is flown through alike, separation lags",
             },
             plausible={"tau1": (0.01, 5.0), "tau2": (-2.0, 2.0), "alpha_star": (0.0, 0.8), "moment": (-0.5, 0.5)},
-            loose=("tau1", "tau2", "moment", "drag"),
         )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:

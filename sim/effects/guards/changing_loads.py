@@ -12,7 +12,7 @@ from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.instances import all_labelled, labelled
-from sim.effects.loads import LOADS, SizedOnPorts, also_varying, load_parameters
+from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
 from sim.maths.elementary import absolute
 
 _NO_CAUSE = "No cause of the library stands behind it. Where it explains a record better than every effect does, the cause is none of them."
@@ -50,7 +50,9 @@ class DampingCurve(SizedOnPorts):
 
     @property
     def traits(self) -> Traits:
-        return Traits(guard=True, also=also_varying(self.ports, self.rate, self.rate))
+        return Traits(
+            guard=True,
+        )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -13,7 +13,7 @@ from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.instances import controls, per_unit, ports_without
-from sim.effects.loads import LOADS, SizedOnPorts, also_varying, load_parameters
+from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,6 @@ class ProductLoads(SizedOnPorts):
     def traits(self) -> Traits:
         return Traits(
             guard=True,
-            within=self.aliases,
-            also=also_varying(self.ports, self.first, self.second),
         )
 
     @property

@@ -71,7 +71,6 @@ class ActuatorSecondOrder:
                 "quick inputs (short doublets, or a sweep beyond the actuator's frequency): only an actuator of second order overshoots",
             ),
             twins=all_labelled(("actuator-lag", "input-delay"), self.label),
-            rarer_than=all_labelled(("actuator-lag", "input-delay"), self.label),
             plausible={"frequency": (3.0 if has_size(self.unit) else 0.3, 200.0), "damping": (0.1, MOST_DAMPED)},
         )
 

@@ -79,7 +79,6 @@ class SensorHold:
             sentences=("the {channel} is updated only every {period} and held between",),
             short_name="held between updates",
             separating=dict.fromkeys(("sensor-delay", "sensor-lag"), CLOSER),
-            rarer_than=self.aliases,
             plausible={"period": (0.0, 1.0)},
             per_record=True,
             tried=("phase",),

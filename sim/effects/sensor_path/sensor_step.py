@@ -65,7 +65,6 @@ class SensorStep:
             # Twenty times what is usual: beyond (1 km of altitude, 2 g) a recorder has lost rows, and its channels go on from elsewhere.
             plausible={"size": (-20.0 * self.typical, 20.0 * self.typical)} if self.sized else {},
             onset="at",
-            jumps=self.channel,
             per_record=True,
         )
 

@@ -35,7 +35,6 @@ class TimeBase:
         separating={"sensor-scale": "the pitch attitude recorded as well, or the record's time held against another clock"},
         twins=("sensor-scale:alpha", "sensor-scale:q", "sensor-scale:nz"),
         equivalents=("sensor-scale:alpha",),
-        rarer_than=("sensor-scale:alpha",),
         plausible={"factor": (0.8, 1.25)},
     )
     explanation: ClassVar[str] = (
