@@ -98,19 +98,6 @@ class ProcessNoise:
             information[np.ix_(moving, moving)] += part.information
         return gradient, information
 
-    def sample_scores(self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals) -> list[np.ndarray]:
-        """What each node of each record adds to the gradient of the log likelihood, ``(K + 1, n)`` a record, no prior counted."""
-        out = []
-        for r, (filter, jacobian) in enumerate(zip(filters_of(weighted), weighted.jacobians, strict=True)):
-            scores = np.zeros((len(filter.problem.grid.nodes), len(theta)))
-            own = np.einsum("mnc,mn->nc", jacobian, weighted.residuals[r])
-            at = filter.problem.grid.sample // filter.problem.grid.substeps
-            scores[at[:, None], layout.columns(r)] = own
-            out.append(scores)
-        for r, (moving, part) in enumerate(self._slopes(layout, theta, lines, weighted)):
-            out[r][:, moving] += part.scores
-        return out
-
     def _slopes(
         self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
     ) -> Iterator[tuple[np.ndarray, LikelihoodSlopes]]:

@@ -21,7 +21,7 @@ from ident.tracing.diagnosis import (
     Trained,
     Verdict,
 )
-from ident.tracing.evidence.decision import CERTAIN, NOISE, Decision, Named, decided
+from ident.tracing.evidence.decision import CERTAIN, NOISE, Decision, Named, decided, searched
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks, spike_claims
@@ -80,14 +80,16 @@ def diagnose(
     if outlook is not None and is_white(declared.root.fit):
         outlook(if_nothing_is_found(declared, held, validation))
     problem, root = declared.problem, declared.root
-    found = decided(problem, discrepancy)
+    search = searched(problem)
     watch.stage("search")
-    masks, spikes = spike_claims(problem, found.best)
+    masks, spikes = spike_claims(problem, search.best().fitted)
     if any(not np.array_equal(a, b) for a, b in zip(masks, problem.masks, strict=True)):
         problem = problem.with_masks(masks)
         root = problem.fit((), root) or root
-        found = decided(problem, discrepancy)
+        search = searched(problem)
     watch.stage("spikes")
+    found = decided(search, discrepancy)
+    watch.stage("discrepancy")
     progress("judging on data that were not fitted", 0.9)
     best = problem.fit(found.best.effects, found.best) or found.best
     found = replace(found, best=best)

@@ -83,11 +83,6 @@ class FittedModel:
         return tuple(effect for effect in self.effects if effect.traits.background)
 
     @property
-    def foreground(self) -> tuple[Traceable, ...]:
-        """Those of its effects that are no background."""
-        return tuple(effect for effect in self.effects if not effect.traits.background)
-
-    @property
     def trained(self) -> Trained:
         """What a free simulation of another record takes from it."""
         values = self.values

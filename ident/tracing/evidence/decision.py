@@ -98,14 +98,22 @@ def is_noise(fitted: FittedModel) -> bool:
     return all(test.p_value > NOISE for test in whiteness(fitted.fit, "fitted"))
 
 
-def decided(problem: TraceProblem, discrepancy: Traceable | None = None) -> Decision:
-    """Search under white noise, and beside a discrepancy where no set of effects leaves noise.
+def searched(problem: TraceProblem) -> Search:
+    """The search under white noise among effects that have a cause of their own."""
+    causes = [each for each in problem.candidates if not each.traits.general]
+    return Search(problem, causes, title="white noise").run()
+
+
+def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
+    """Decide, with further searches beside a discrepancy where no set of effects leaves noise.
 
     General forms have no cause of their own: they are tried where nothing with one is named.
+
+    Parameters
+    ----------
+    search : under white noise (``searched``). discrepancy : None decides under white noise alone.
     """
-    causes = [each for each in problem.candidates if not each.traits.general]
-    search = Search(problem, causes, title="white noise").run()
-    best = search.best()
+    problem, best = search.problem, search.best()
     quiet = is_noise(best.fitted)
     if discrepancy is None or (quiet and not search.added(best)):
         return _by_sets(search, best) if quiet else _undecided(search, best)
@@ -363,7 +371,7 @@ def _slight(
 
 def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
     """Effects that Vuong's test does not tell from one, with their odds by its normal law."""
-    from scipy.stats import norm
+    from scipy.special import ndtr
 
     rest = best.names - {name}
     found: dict[str, float] = {}
@@ -373,7 +381,7 @@ def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
             continue
         z = vuong(best, other, search.context.interval)
         if z < RIVAL and other.weight < best.weight:
-            p = float(norm.cdf(z))
+            p = float(ndtr(z))
             found[next(iter(new))] = (1.0 - p) / p
     return found
 

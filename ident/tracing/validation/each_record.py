@@ -10,7 +10,7 @@ from ident.statistics.information import inverse_information
 from ident.statistics.normal_equations import add_normal_equations
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Quantity
-from sim.declaration.effect import full_name
+from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Traceable
 
 
@@ -21,13 +21,13 @@ def of_each_record(fitted: FittedModel, effect: Traceable) -> tuple[Mapping[str,
 
     Returns
     -------
-    One mapping a record, with sigmas; empty with one record, or where the effect has no parameter
-    that the records share.
+    One mapping a record, with sigmas; empty with one record, of process noise, and where the
+    effect has no parameter that the records share.
     """
     fit, layout = fitted.fit, fitted.fit.layout
     count, names = len(layout.problems), list(layout.names)
     items = [item for item in effect.parameters if full_name(effect, item.name) in layout.shared]
-    if count < 2 or not items:
+    if count < 2 or not items or isinstance(effect, NoiseEffect):
         return ()
     at = [names.index(full_name(effect, item.name)) for item in items]
     size, k = len(fit.theta), len(at)
