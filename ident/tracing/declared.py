@@ -69,6 +69,6 @@ def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutDa
         return HeldOutData()
     problem = declared.problem
     records = [mended_inputs(problem, record, declared.spikes) for record in validation]
-    first = held_out(declared.root, validation, None, informed=False)
+    first = held_out(declared.root, records, None, informed=False)
     masks = held_out_masks(first, records, problem.outputs)
     return HeldOutData(records, masks, held_out(declared.root, records, masks, informed=False))

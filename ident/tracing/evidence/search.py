@@ -39,7 +39,7 @@ from sim.errors import ModelError
 ROUNDS = 6
 LEADERS = 4  # single effects that a round fits; half as many sets of each larger size
 SINGLES = 3  # single effects beside which others are looked for
-FINER = 4  # leading sets that are tried in the finer forms of their effects
+FINER = 2  # leading sets that are tried in the finer forms of their effects
 SHARES = (1.0, 0.3, 0.1)  # of a step of the linear world, in turn, until a fit begun there improves
 IMPROVES = 0.3  # of what the linear world promises
 SHIFTS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # s, by which an event is moved to look for its time
@@ -200,7 +200,7 @@ class Search:
             if best.names in self.expanded or self.spent:
                 break
             self.expand(best)
-        self._in_finer_forms()
+            self._in_finer_forms()
         for _ in range(2):
             top = self.best()
             members = sorted(self.added(top))
@@ -220,8 +220,9 @@ class Search:
 
     def _in_finer_forms(self) -> None:
         """Leading sets with the finer forms of their effects, each kept where it is likelier."""
-        ranked = sorted(self.visited.items(), key=lambda item: -item[1].weight)
-        for key, one in ranked[:FINER]:
+        guards = self.problem.guards
+        named = [item for item in self.visited.items() if not item[0] & guards]
+        for key, one in sorted(named, key=lambda item: -item[1].weight)[:FINER]:
             forms = [
                 each.finer() if isinstance(each, Refinable) else each for each in one.fitted.effects
             ]
