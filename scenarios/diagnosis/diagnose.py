@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ident.tracing.diagnosis import Diagnosis, Prediction, Verdict
 from scenarios.diagnosis.candidates import can_act, candidates_for
 from scenarios.diagnosis.effort import settings_of
-from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, tells_times
+from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, rise, tells_times
 from scenarios.diagnosis.kinematic_records import OF_MODEL, kinematics_of_files
 from scenarios.diagnosis.laid_down import at_bounds, said_of
 from scenarios.diagnosis.opening import Opened, Posed, opened_files, own_effects, posed_for, vehicle_path_of
@@ -19,6 +19,7 @@ from scenarios.files.measured.record_file import all_simulated, refuse_twice
 from scenarios.files.own_models import is_of_aircraft, moves_about_rest
 from scenarios.files.vehicles import read_beside, refuse_unknown_model, vehicle_beside
 from scenarios.preparation.gaps import Parted, parts_of, put_together
+from scenarios.preparation.interpreting import BETTER
 from scenarios.preparation.plan import WHOLE, Plan
 from scenarios.preparation.request import Request
 from scenarios.preparation.vehicle_model import step_for
@@ -71,11 +72,13 @@ def diagnose_files(
     part = moves_between_samples(diagnosis, candidates, posed.records)
     if _may_read_again(opened, request.plan) and (part or tells_times(diagnosis, posed.records)):
         linear = posed_for(opened, replace(request.plan, hold=Hold.LINEAR))
-        again = looped(linear)
-        if no_worse(again, diagnosis) if part else better(again, diagnosis):
-            posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
-        elif not part:
-            posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
+        # A search of its own is worth it only where what was found does not speak against it.
+        if part or rise(diagnosis, posed.model, posed.records, linear.records) > -BETTER:
+            again = looped(linear)
+            if no_worse(again, diagnosis) if part else better(again, diagnosis):
+                posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
+            elif not part:
+                posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
     # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
     kinematics = _kinematics(opened, posed, request.plan) if diagnosis.verdict is not Verdict.CONSISTENT else None
     return study.told(posed, diagnosis, kinematics, _decides(diagnosis, request, opened, posed))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from scenarios.preparation.interpreting import BETTER, held_by_computer
 from scenarios.preparation.plan import BY_HAND
+from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Hold, Record
 
@@ -47,6 +49,22 @@ def no_worse(again: Diagnosis, first: Diagnosis) -> bool:
 def better(again: Diagnosis, first: Diagnosis) -> bool:
     """Whether the second reading explains as much with a clearly lower criterion."""
     return no_worse(again, first) and _lowered(again, first) > BETTER
+
+
+def rise(diagnosis: Diagnosis, model: Model, held: Sequence[Record], linear: Sequence[Record]) -> float:
+    """By how much twice the log likelihood of what was found rises where inputs move linearly; minus infinity where it cannot be fitted so."""
+    from ident.tracing.candidate_model.fitted_model import FitData, Start, fit_set
+
+    found = diagnosis.trained_after
+    if found is None:
+        return -math.inf
+    costs = []
+    for records in (held, linear):
+        masks = [record.output_array(found.outputs)[1] for record in records]
+        data = FitData(records, masks, model, found.outputs)
+        fitted = fit_set(data, found.effects, found.settings, Start(added=found.shared))
+        costs.append(math.inf if fitted is None else fitted.fit.cost)
+    return 2.0 * (costs[0] - costs[1]) if math.isfinite(costs[1]) else -math.inf
 
 
 def left_open(again: Diagnosis, first: Diagnosis) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Candidate, Step, Verdict
 from ident.tracing.evidence.evidence import Key, Weighed
 from ident.tracing.evidence.search import ALIKE, Search, together
-from ident.tracing.evidence.steady_search import is_steady, spread_search, vuong
+from ident.tracing.evidence.steady_search import is_steady, spread_search, surely_needed, vuong
 from ident.tracing.validation.whiteness import whiteness
 from sim.declaration.effect import full_name
 from sim.declaration.proposal import Traceable
@@ -128,7 +128,7 @@ def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
     if quiet:
         return _by_sets(search, best)
     acting = [each for each in problem.candidates if is_steady(each)]
-    steady = Search(problem, acting, base, near.root.fitted, title="a model discrepancy")
+    steady = Search(problem, acting, base, title="a model discrepancy")
     beside = _beside_discrepancy(search, steady, spread_search(steady))
     if beside.verdict is not Verdict.UNEXPLAINED:
         return beside
@@ -206,7 +206,7 @@ def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decisio
     """Beside a discrepancy: what is spread over the records, with the rivals of each."""
     interval, guards = search.context.interval, search.problem.guards
     searches, root = (white, search), search.root.fitted
-    members = sorted(best.names - search.root.names)
+    members = sorted(search.added(best))
     named = []
     for name in members:
         less = search.without(best, name)
@@ -253,7 +253,7 @@ def _beside_small_discrepancy(
     named = [
         _weighed_name(search, beside, effect, sets, exact=exact)
         for effect in plain.fitted.effects
-        if effect.name not in search.root.names and _is_cause(effect, plain, white.context.interval)
+        if effect.name not in search.base_names and _is_cause(effect, plain, white.context.interval)
     ]
     verdict = Verdict.CONSISTENT if not named else Verdict.TRACED
     if white.problem.guards & plain.names or min(map(_total, named), default=1.0) < CERTAIN:
@@ -276,14 +276,16 @@ def _supported(search: Search, best: Weighed) -> tuple[Weighed, dict[str, float]
     spread over the records; that of an event that soon ends cannot be. Also, by name, z of those
     that raise the probability and nearly have the spread.
     """
-    wanted = [each for each in best.fitted.effects if each.name not in search.root.names]
-    begun = search.fit((*search.root.fitted.effects, *wanted), best.fitted) if wanted else None
+    wanted = [each for each in best.fitted.effects if each.name not in search.base_names]
+    begun = search.fit((*search.base, *wanted), best.fitted) if wanted else None
     found = search.root if begun is None else search.kept(begun)
     lasting = {each.name for each in wanted if not each.traits.lasts}
     nearly: dict[str, float] = {}
-    while found.names != search.root.names:
+    while search.added(found):
         lacking = []
-        for name in sorted(found.names - search.root.names):
+        for name in sorted(search.added(found)):
+            if surely_needed(found, name, search.context, SUPPORTED):
+                continue
             less = search.without(found, name)
             if less is None:
                 continue
@@ -305,7 +307,7 @@ def _with_swaps(white: Search, search: Search, beside: Weighed) -> None:
     Each begins with the values that it has in the likeliest set of the white search.
     """
     search.alike |= white.alike
-    for effect in [each for each in beside.fitted.effects if each.name not in search.root.names]:
+    for effect in [each for each in beside.fitted.effects if each.name not in search.base_names]:
         rest = tuple(each for each in beside.fitted.effects if each is not effect)
         for name in _look_alike(white, effect):
             homes = [one for key, one in white.visited.items() if name in key]

@@ -19,7 +19,7 @@ ODDS = 0.03  # of one family of effects against its absence: one cause in thirty
 FEWEST = 5  # members that a family's odds are shared by at least: a lone member is not likelier
 OUTSIDE = 0.1  # odds of a guard over those of an effect: the form of no known cause
 BACKGROUND_ODDS = 0.5  # of motion that any record may have
-_UNLIMITED = 1e5  # the value of a limit that is absent is larger than this
+UNLIMITED = 1e5  # the value of a limit that is absent is larger than this
 _LIMIT_TIMES = 3.0  # factor: one sigma of a limit about where it was found
 _SHAPES_WIDER = 3.0  # a curve's shapes against their declared sizes
 
@@ -46,7 +46,7 @@ def prior_of(effect: Traceable, item: Parameter, value: float, context: SearchCo
         if math.isfinite(item.prior_std):
             return Normal(item.value, item.prior_std)
         return Normal(value, max(abs(value), abs(item.value), 1e-6))
-    if abs(absent) > _UNLIMITED:
+    if abs(absent) > UNLIMITED:
         return Normal(value, max(abs(value), 1e-6) * math.log(_LIMIT_TIMES))
     if math.isfinite(item.prior_std):
         return Normal(absent, item.prior_std)

@@ -26,6 +26,10 @@ FAINT = 1e-10  # of a scaled Gram matrix: rounding
 LARGEST = 1e6  # of a signature: beyond it a simulation ran away
 
 
+# An effect with its probes and the signatures of each, ``(m, N, k)`` a record.
+Shown = tuple[Traceable, Sequence[tuple[Probe, list[np.ndarray]]]]
+
+
 @dataclass(frozen=True, eq=False)
 class Lead:
     """One placed alternative of a candidate.
@@ -136,16 +140,16 @@ def closed_forms(
     return gain, scale * np.einsum("pij,pj->pi", vectors, turned / values)
 
 
-def scan(
-    fitted: FittedModel,
-    ready: Prepared,
-    candidates: Sequence[Traceable],
-    context: SearchContext,
-) -> list[Lead]:
-    """Leads of all candidates that are not in the set: of each its best places."""
+def shown_by(
+    fitted: FittedModel, candidates: Sequence[Traceable], context: SearchContext
+) -> dict[int, Shown]:
+    """Signatures of all candidates about a fitted set, those that ran away left out.
+
+    By the place of a candidate: several forms of an effect have one name.
+    """
     motions = _motions(fitted)
-    found: list[Lead] = []
-    for candidate in candidates:
+    found: dict[int, Shown] = {}
+    for place, candidate in enumerate(candidates):
         if candidate.name in fitted.names or isinstance(candidate, NoiseEffect):
             continue
         effect = fitted_to(candidate, context)
@@ -162,8 +166,16 @@ def scan(
             if all(np.all(np.abs(part) < LARGEST) for part in parts)
         ]
         if usable:
-            found += _leads(ready, effect, usable, context)
+            found[place] = (effect, usable)
     return found
+
+
+def leads_of(
+    fitted: FittedModel, ready: Prepared, shown: Sequence[Shown], context: SearchContext
+) -> list[Lead]:
+    """Leads of all signatures of effects that are not in the set: of each its best places."""
+    absent = [(effect, usable) for effect, usable in shown if effect.name not in fitted.names]
+    return [lead for effect, usable in absent for lead in _leads(ready, effect, usable, context)]
 
 
 def factors_prior(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -28,10 +29,11 @@ from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.diagnosis import Candidate, Step
 from ident.tracing.evidence.evidence import Key, Weighed, evidence_of
 from ident.tracing.evidence.priors import family_sizes, log_odds, set_prior
-from ident.tracing.evidence.scan import Lead, prepared, scan
+from ident.tracing.evidence.scan import Lead, Shown, leads_of, prepared, shown_by
 from ident.tracing.evidence.set_search import LinearSet, weighed_sets
 from ident.tracing.screening.context import search_context
 from ident.tracing.validation.whiteness import is_white
+from ident.whole_record.layout import FitSettings
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Edged, Refinable, SearchContext, Traceable
 from sim.errors import ModelError
@@ -46,6 +48,7 @@ SHIFTS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # s, by which an event is moved to look fo
 EDGES = (16, 4, 1)  # times the width of its edges meanwhile
 ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
 LEAST_NOISE = 0.3  # of the noise that high frequencies show: logged signals are filtered
+FIRST = 5  # iterations of a fit of rough air, after which it has to have brought its prior odds
 PROCESS_NOISE_OFFERED = 1e-2  # p-value of a white residual above which rough air is not tried
 
 
@@ -80,11 +83,13 @@ class Search:
     ----------
     problem : records and declared model. candidates : effects and guards that may be added.
     base : what stands in every set and is never named, such as a model discrepancy.
-    begun : a fit of the base, where another search has made it. title : the noise, in words.
+    title : the noise, in words.
     visited : the fitted sets by the names of their effects, ``base`` included.
     expanded : sets at which all candidates were scanned. refined : those tried in finer forms.
     steps, tried : how the search went.
     alike : of pairs of names, the largest cosine of what they would add. fits : how many were made.
+    shown : signatures of all candidates as last simulated; at a set beside the leading one they
+        serve again.
 
     Raises
     ------
@@ -94,37 +99,46 @@ class Search:
     problem: TraceProblem
     candidates: Sequence[Traceable]
     base: tuple[Traceable, ...] = ()
-    begun: FittedModel | None = None
     title: str = "white noise"
     visited: dict[Key, Weighed] = field(default_factory=dict)
     expanded: set[Key] = field(default_factory=set)
     refined: set[Key] = field(default_factory=set)
     alike: dict[Key, float] = field(default_factory=dict)
+    shown: dict[int, Shown] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
     tried: list[Candidate] = field(default_factory=list)
     fits: int = 0
 
     def __post_init__(self) -> None:
         declared = self.problem.fit((), None)
-        root = declared
-        if declared is not None:
-            self.context: SearchContext = search_context(declared, self.problem.predicted)
-            noise = measured_noise(declared)
-            self.floor = {name: LEAST_NOISE * std for name, std in noise.items()}
-            if self.base:
-                root = self.begun or self.problem.fit(self.base, declared, rough=True)
-        if root is None:
+        if declared is None:
             raise ModelError(
                 "the declared model has no finite cost on these records",
                 where=self.problem.records[0].name,
                 remedy="check units and starting values",
             )
+        self.declared = declared
+        self.context: SearchContext = search_context(declared, self.problem.predicted)
+        noise = measured_noise(declared)
+        self.floor = {name: LEAST_NOISE * std for name, std in noise.items()}
         self.families = family_sizes(self.candidates)
-        self.root = self.kept(root)
+
+    @cached_property
+    def root(self) -> Weighed:
+        """The base alone; the declared model where there is none or it cannot be fitted."""
+        if not self.base:
+            return self.kept(self.declared)
+        fitted = self.problem.fit(self.base, self.declared, rough=True)
+        return self.kept(fitted if fitted is not None else self.declared)
+
+    @property
+    def base_names(self) -> Key:
+        """Names of what stands in every set."""
+        return frozenset(effect.name for effect in self.base)
 
     def added(self, one: Weighed) -> Key:
         """Names of the effects of a set beyond the base."""
-        return one.names - {effect.name for effect in self.base}
+        return one.names - self.base_names
 
     @property
     def spent(self) -> bool:
@@ -150,6 +164,7 @@ class Search:
         parent: FittedModel,
         added: Sequence[Mapping[str, float]] = (),
         values: Values | None = None,
+        settings: FitSettings | None = None,
     ) -> FittedModel | None:
         """A set fitted roughly from the values of another, ``added`` new ones of each record."""
         values = values or parent.values
@@ -160,7 +175,8 @@ class Search:
         if levels is not None and self.base:
             levels = {name: max(std, self.floor.get(name, 0.0)) for name, std in levels.items()}
         start = Start(Values({**shared, **values.shared}, own, values.states), {}, levels)
-        return fit_set(self.problem.data, tuple(effects), self.problem.roughly, start)
+        settings = settings or self.problem.roughly
+        return fit_set(self.problem.data, tuple(effects), settings, start)
 
     def child(self, parent: Weighed, proposed: LinearSet) -> Weighed | None:
         """The parent's set with the leads of a proposed one.
@@ -195,6 +211,7 @@ class Search:
 
         Then each of its members is left out, and others are tried in its place.
         """
+        _ = self.root
         for _ in range(ROUNDS):
             best = self.best()
             if best.names in self.expanded or self.spent:
@@ -328,9 +345,11 @@ class Search:
     def _proposed(self, parent: Weighed, deeper: int, most: int) -> list[LinearSet]:
         """The weightiest single leads, and larger sets that promise more than any smaller one."""
         ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
+        if most == LEADERS or not self.shown:
+            self.shown |= shown_by(parent.fitted, self.candidates, self.context)
         leads = [
             lead
-            for lead in scan(parent.fitted, ready, self.candidates, self.context)
+            for lead in leads_of(parent.fitted, ready, [*self.shown.values()], self.context)
             if all(together(lead.effect, other) for other in parent.fitted.effects)
         ]
         sets, overlap = weighed_sets(
@@ -370,7 +389,13 @@ class Search:
             if not isinstance(effect, NoiseEffect) or parent.names | {effect.name} in self.visited:
                 continue
             if effect.name not in parent.names:
-                fitted = self.fit((*parent.fitted.effects, effect), parent.fitted)
+                effects = (*parent.fitted.effects, effect)
+                short = replace(self.problem.roughly, iterations=FIRST)
+                begun = self.fit(effects, parent.fitted, settings=short)
+                cost = -log_odds([effect], self.families)
+                if begun is None or parent.fitted.fit.cost - begun.fit.cost < cost:
+                    continue
+                fitted = self.fit(effects, begun)
                 if fitted is not None:
                     made.append(self.kept(fitted))
         return made
