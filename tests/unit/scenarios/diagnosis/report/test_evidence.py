@@ -16,7 +16,7 @@ from scenarios.diagnosis.report.tables import SIGMA_NOTE, candidate_row, weighed
 from scenarios.diagnosis.report.text import diagnosis_text, headline
 from scenarios.diagnosis.report.wording import Wording, group_sentence
 from scenarios.files.writing import json_text
-from tests.diagnoses import LATE, evidence_of, proven_tracing, tracing_of
+from tests.diagnoses import LATE, evidence_of, spread_tracing, tracing_of
 
 
 def coloured(count: int, p_value: float = 1e-30) -> tuple[ResidualTest, ...]:
@@ -28,7 +28,7 @@ def coloured(count: int, p_value: float = 1e-30) -> tuple[ResidualTest, ...]:
 
 
 def test_headline_says_what_where_how_sure_and_what_follows() -> None:
-    assert headline(proven_tracing()) == (
+    assert headline(spread_tracing()) == (
         "the angle of attack is read 0.061 s late (lag, delay or vane ahead: these records cannot tell); it comes out alike from each of 4 records "
         "(0.058, 0.063, 0.060, 0.062 s) and cuts the error on records that were not fitted to 0.62 +- 0.05 of what it was; "
         "Cm_q was -24.1 +- 0.9, is -17.2 +- 0.4 (run-to-run scatter 0.83); what remains is not noise"
@@ -95,7 +95,7 @@ def test_a_joint_value_apart_from_the_records_is_not_called_alike() -> None:
 
 
 def test_header_says_what_a_sigma_holds() -> None:
-    plain, inflated = proven_tracing(), proven_tracing()
+    plain, inflated = spread_tracing(), spread_tracing()
     inflated = replace(inflated, diagnosis=replace(inflated.diagnosis, inflation={"Cm_q": 1.4}))
     assert SIGMA_NOTE not in diagnosis_text(plain) and diagnosis_text(inflated).count(SIGMA_NOTE) == 1
     content = json.loads(json_text(diagnosis_content(inflated, "")))
@@ -103,13 +103,13 @@ def test_header_says_what_a_sigma_holds() -> None:
 
 
 def test_a_guard_that_helps_does_not_stand() -> None:
-    d = proven_tracing().diagnosis
+    d = spread_tracing().diagnosis
     guard = replace(d.candidates[-1], name="guard:damping-curve", remark="cross-validated")
     assert weighed_rows(replace(d, candidates=(guard,)))[0][2] == "helps, but is no effect of the library"
 
 
 def test_what_was_asked_again_for_a_pair_stands_in_the_table_once() -> None:
-    d = proven_tracing().diagnosis
+    d = spread_tracing().diagnosis
     one = replace(d.candidates[-1], within=("sensor-scale:nz",), name="sensor-lag:q")
     stands, beaten, alone = (
         replace(one, remark="cross-validated"),
@@ -129,7 +129,7 @@ def test_a_second_effect_is_measured_from_the_first() -> None:
 
 
 def test_terminal_shows_scatter_beside_sigma_members_and_remarks() -> None:
-    text = diagnosis_text(proven_tracing())
+    text = diagnosis_text(spread_tracing())
     assert text.isascii()
     (row,) = [line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" in line]
     assert row.split()[2:] == ["-24.1", "+-", "0.9", "-17.2", "+-", "0.4", "0.83", "+7.0", "sigma", "*"]
@@ -139,7 +139,7 @@ def test_terminal_shows_scatter_beside_sigma_members_and_remarks() -> None:
 
 
 def test_what_was_weighed_on_other_records_stands_by_what_it_leaves() -> None:
-    d = proven_tracing().diagnosis
+    d = spread_tracing().diagnosis
     better = replace(d.candidates[-1], name="sensor-scale:q", held_out_change=-0.2, remark="cross-validated")
     beside = replace(better, within=("sensor-lag:alpha",), held_out_change=-0.3)
     rows = weighed_rows(replace(d, candidates=(beside, *d.candidates, better)))
@@ -152,7 +152,7 @@ def test_what_was_weighed_on_other_records_stands_by_what_it_leaves() -> None:
 
 
 def test_json_has_evidence_scatter_and_remarks() -> None:
-    content = json.loads(json_text(diagnosis_content(proven_tracing(), "")))
+    content = json.loads(json_text(diagnosis_content(spread_tracing(), "")))
     (effect,) = content["effects"]
     evidence = effect["evidence"]
     assert (evidence["error_left"], evidence["error_left_std"]) == (0.62, 0.05)
@@ -173,7 +173,7 @@ def test_json_has_evidence_scatter_and_remarks() -> None:
 
 
 def test_many_failed_tests_become_one_description_a_channel() -> None:
-    tracing = proven_tracing(coloured(4))
+    tracing = spread_tracing(coloured(4))
     assert len(tracing.diagnosis.warnings) == 12
     told = warnings_of(tracing)
     assert told[0] == "12 of 12 tests for whiteness fail in alpha, q, nz"
@@ -187,7 +187,7 @@ def test_many_failed_tests_become_one_description_a_channel() -> None:
 
 def test_few_failed_tests_are_told_as_they_are() -> None:
     tests = (*coloured(1)[:2], *coloured(2, 0.4))
-    tracing = proven_tracing(tests)
+    tracing = spread_tracing(tests)
     told = warnings_of(tracing)
     assert told[:2] == [caution.sentence for caution in tracing.diagnosis.warnings] and len(tracing.diagnosis.warnings) == 2
     assert [line.partition(":")[0] for line in told[2:]] == ["left in the angle of attack", "left in the pitch rate"]
@@ -206,7 +206,7 @@ def test_where_a_guard_leaves_noise_it_is_told_what_the_declared_model_leaves() 
 
 
 def test_members_are_compared_only_where_there_are_some() -> None:
-    d: Diagnosis = proven_tracing().diagnosis
+    d: Diagnosis = spread_tracing().diagnosis
     rows = member_derivatives(d.effects[0], d.after)
     assert rows == [("Cm_q", "1/rad", "-17.0 +- 0.4", "-18.0 +- 0.4", "-19.0 +- 0.4*")]  # two of both sigmas are 1.1
     alone = Claim("x", {}, derivatives_under=evidence_of(LATE, "x").derivatives)
@@ -214,7 +214,7 @@ def test_members_are_compared_only_where_there_are_some() -> None:
 
 
 def test_residuals_beyond_all_measure_are_still_described() -> None:
-    tracing = proven_tracing(coloured(4))
+    tracing = spread_tracing(coloured(4))
     item = tracing.diagnosis.fitted[0]
     after = item.after.copy()
     after[0, 5:9] = np.inf, -np.inf, np.nan, 1e200
@@ -223,6 +223,6 @@ def test_residuals_beyond_all_measure_are_still_described() -> None:
 
 
 def test_a_simulation_that_runs_away_is_tenfold_and_more() -> None:
-    candidate = proven_tracing().diagnosis.candidates[0]
+    candidate = spread_tracing().diagnosis.candidates[0]
     shown = [candidate_row(replace(candidate, held_out_change=share))[4] for share in (None, -0.293, 0.05, 8.99, 9.0, 1e54)]
     assert shown == ["-", "-29.3 %", "+5.0 %", "+899.0 %", "over +900 %", "over +900 %"]

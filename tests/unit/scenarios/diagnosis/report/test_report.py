@@ -14,7 +14,7 @@ from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.diagnosis.report.page import diagnosis_page
 from scenarios.diagnosis.report.pictures.figures import captioned
 from scenarios.pages.rendering import page_html
-from tests.diagnoses import RIGID, proven_tracing, tracing_of
+from tests.diagnoses import RIGID, spread_tracing, tracing_of
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 SCRIPTS = 1  # the page's own
@@ -84,7 +84,7 @@ def test_names_from_files_are_text_and_no_markup() -> None:
 
 
 def test_page_of_a_partial_verdict_shows_what_replicates_and_what_was_weighed() -> None:
-    tracing = replace(proven_tracing(), kinematics=Kinematics((), None, "no record measures <alpha> and q together"))
+    tracing = replace(spread_tracing(), kinematics=Kinematics((), None, "no record measures <alpha> and q together"))
     text = page_html(diagnosis_page(tracing, [], captioned({"replication": "<svg></svg>"})))
     page = Page(text)
     words = " ".join(page.text.split())
