@@ -55,7 +55,7 @@ def test_the_gain_is_that_of_the_density_of_free_simulations(sets: tuple[FittedM
 def test_what_is_not_there_lowers_it_and_what_hardly_moves_hardly_tells(sets: tuple[FittedModel, FittedModel]) -> None:
     root, best = sets
     still = planted([SensorLag("q")], LAG, 5, flight=doublets(size=0.0003))
-    found = []
+    found: list[float] = []
     for record in (planted(seed=7), still):
         held = held_of(root, record)
         found += predictive_gains(root, best, held, predicted_by(best, held))
