@@ -157,7 +157,12 @@ def diagnosis_of(verdict: Verdict, vehicle: VehicleFile, records: tuple[Record, 
         _tests(names, 1e-12 if found else 0.3),
         _tests(names, 0.2 if verdict in (Verdict.TRACED, Verdict.CONSISTENT, Verdict.AMBIGUOUS) else 1e-9),
         tuple(
-            Step(tuple(c.name for c in claims[: i + 1]), 100.0 - i, -50.0, f"white noise, beside the declared model: most probable so far is {claim.name}, ln p +120.0")
+            Step(
+                tuple(c.name for c in claims[: i + 1]),
+                100.0 - i,
+                -50.0,
+                f"white noise, beside the declared model: most probable so far is {claim.name}, ln p +120.0",
+            )
             for i, claim in enumerate(claims)
         ),
         _candidates(claims),
@@ -189,7 +194,9 @@ def _candidates(claims: tuple[Claim, ...]) -> tuple[Candidate, ...]:
         Candidate(1, (), "speed-variation", -2.5, -7.6, False, {}),
     )
     best = tuple(
-        Candidate(i + 1, tuple(c.name for c in claims[:i]), claim.name, 420.0 / (i + 1), 420.0 / (i + 1) - 5.1, True, claim.parameters, claim.alternatives)
+        Candidate(
+            i + 1, tuple(c.name for c in claims[:i]), claim.name, 420.0 / (i + 1), 420.0 / (i + 1) - 5.1, True, claim.parameters, claim.alternatives
+        )
         for i, claim in enumerate(claims)
     )
     return best + others

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ def said(probability: float, *right: bool) -> list[Statement]:
 
 def test_names_are_counted_by_what_was_said_of_them() -> None:
     bins = reliability([*said(0.675, True, True, False), *said(0.725, True), *said(0.225, False, True)])
-    assert [(item.low, item.high) for item in bins] == list(zip(EDGES[:-1], EDGES[1:], strict=True))
+    assert [(item.low, item.high) for item in bins] == list(pairwise(EDGES))
     counted = {(item.low, item.high): item for item in bins if item.count}
     assert {key: (item.count, item.right) for key, item in counted.items()} == {(0.2, 0.5): (2, 1), (0.5, 0.8): (4, 3)}
     assert counted[(0.5, 0.8)].said == pytest.approx(0.6875) and counted[(0.2, 0.5)].said == pytest.approx(0.225)
