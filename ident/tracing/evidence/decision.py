@@ -352,7 +352,7 @@ def _slight(
 
 def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
     """Effects that Vuong's test does not tell from one, with their odds by its normal law."""
-    from scipy.stats import norm
+    from scipy.special import ndtr
 
     rest = best.names - {name}
     found: dict[str, float] = {}
@@ -362,7 +362,7 @@ def _rivals(search: Search, best: Weighed, name: str) -> dict[str, float]:
             continue
         z = vuong(best, other, search.context.interval)
         if z < RIVAL and other.weight < best.weight:
-            p = float(norm.cdf(z))
+            p = float(ndtr(z))
             found[next(iter(new))] = (1.0 - p) / p
     return found
 

@@ -87,9 +87,9 @@ def half_normal_factor(mean: float, sigma: float) -> float:
 
     ``mean`` counts from the bound, positive inside; ``sigma`` of the posterior.
     """
-    from scipy.stats import norm
+    from scipy.special import log_ndtr
 
-    return math.log(2.0) + float(norm.logcdf(mean / max(sigma, 1e-300)))
+    return math.log(2.0) + float(log_ndtr(mean / max(sigma, 1e-300)))
 
 
 def log_mass(mean: float, sigma: float, low: float, high: float) -> float:
@@ -97,9 +97,9 @@ def log_mass(mean: float, sigma: float, low: float, high: float) -> float:
 
     That of the nearer end's tail stands for it: the other end is far away.
     """
-    from scipy.stats import norm
+    from scipy.special import log_ndtr
 
-    below, above = norm.logcdf((high - mean) / sigma), norm.logcdf((mean - low) / sigma)
+    below, above = log_ndtr((high - mean) / sigma), log_ndtr((mean - low) / sigma)
     return float(min(below, above))
 
 
