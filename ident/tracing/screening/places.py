@@ -140,12 +140,6 @@ def _explained(white: Whitened, rows: slice, flat: np.ndarray, k: int, total: fl
     return share, coefficients * scale
 
 
-def share_explained(white: Whitened, flat: np.ndarray) -> tuple[float, np.ndarray]:
-    """Share of the residual that the columns ``flat (k, D)`` explain together, and their amplitudes ``(k,)``."""
-    share, amplitudes = _explained(white, slice(None), flat, len(flat), float(white.e @ white.e))
-    return float(share[0]), amplitudes[0]
-
-
 def added_by(white: Whitened, weighed: Weighed) -> np.ndarray:
     """What a signature that is weighed at one place adds to the projected outputs, ``(D,)``."""
     out = np.zeros(len(white.e))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -76,3 +77,17 @@ def test_effects_that_worsen_held_out_data_are_not_claimed() -> None:
     (hint,) = d.effects
     assert not hint.claimed and hint.probability == {} and "not fitted" in hint.reasons[0]
     assert Concern.NO_IMPROVEMENT in [caution.concern for caution in d.warnings]
+
+
+def test_a_search_that_ends_at_its_means_says_so_and_a_set_is_no_larger_than_was_asked_for() -> None:
+    both = [SensorLag("q"), SensorScale("nz")]
+    record = planted(both, {**LAG, "sensor-scale:nz.scale": 1.15}, 1)
+    found = {
+        depth: diagnose([record], declared(), both, (), (), replace(SETTINGS, depth=depth, budget=budget))
+        for depth, budget in ((2, 40), (1, 40), (3, 0))
+    }
+    assert [each.stopped for each in found.values()] == [False, False, True]
+    assert {claim.name for claim in found[2].effects} == {"sensor-lag:q", "sensor-scale:nz"}
+    assert found[2].verdict is Verdict.TRACED
+    assert all(len(step.effects) <= 1 for step in found[1].steps)
+    assert found[1].verdict is Verdict.UNEXPLAINED, "one of two leaves no noise"
