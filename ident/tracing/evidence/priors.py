@@ -99,8 +99,7 @@ def log_mass(mean: float, sigma: float, low: float, high: float) -> float:
     """
     from scipy.special import log_ndtr
 
-    below, above = log_ndtr((high - mean) / sigma), log_ndtr((mean - low) / sigma)
-    return float(min(below, above))
+    return float(min(log_ndtr((high - mean) / sigma), log_ndtr((mean - low) / sigma)))
 
 
 def declared_sigma(value: float) -> float:
