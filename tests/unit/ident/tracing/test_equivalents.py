@@ -36,21 +36,21 @@ def with_accelerometer(arm: float, seed: int = 1) -> Record:
 
 
 @pytest.mark.parametrize(
-    ("record", "name"),
-    [(with_vane(ARM), VANE), (with_accelerometer(-ARM), ACCELEROMETER)],
+    ("record", "name", "other"),
+    [(with_vane(ARM), VANE, ACCELEROMETER), (with_accelerometer(-ARM), ACCELEROMETER, VANE)],
     ids=["vane", "accelerometer"],
 )
-def test_declared_derivatives_tell_the_two_apart_where_the_wrong_reading_leaves_them(record: Record, name: str) -> None:
-    """The records alone say nothing: under the other name CL_de is far from what the file declares."""
+def test_each_is_named_with_the_other_beside_it_and_both_sets_of_derivatives(record: Record, name: str, other: str) -> None:
+    """The records alone say nothing: under the other name CL_de is far from what the file declares, which makes the first certain."""
     d = diagnosed(record)
     (claim,) = d.effects
-    assert (d.verdict, claim.name, claim.alternatives) == (Verdict.TRACED, name, ())
+    assert (d.verdict, claim.name, claim.alternatives) == (Verdict.TRACED, name, (other,))
     assert claim.probability[name] > CERTAIN
-    right = d.after["CL_de"]
+    under = claim.derivatives_under
+    assert list(under) == [name, other] and under[name] == d.after
+    right, wrong = under[name]["CL_de"], under[other]["CL_de"]
     assert abs(right.value - CL_DE) < 3.0 * right.std < 0.5
-    (other,) = {VANE, ACCELEROMETER} - {name}
-    wrong = fit_of(problem_of([record]), [effect for effect in BOTH if effect.name == other]).values.shared["CL_de"]
-    assert abs(wrong - CL_DE) > 20.0 * right.std
+    assert abs(wrong.value - CL_DE) > 20.0 * wrong.std
 
 
 def test_an_accelerometer_ahead_has_no_other_reading_in_the_library() -> None:
