@@ -1,9 +1,9 @@
-"""What it costs to rank the instances of the general form (`varies:PARAMETER(SIGNAL)`), in one pass and one by one, beside all other candidates.
+"""What it costs to scan all candidates at one fitted set: those with a cause of their own, and the general form (`varies:PARAMETER(SIGNAL)`).
 
     python benchmarks/screening.py [--runs N]
 
 Records without anything missing of the `rigid`, `lateral` and `longitudinal` models. Times are processor milliseconds of one process, the least
-of the runs; the ratio is to the other candidates, so that runs on different machines compare.
+of the runs.
 """
 
 from __future__ import annotations
@@ -52,24 +52,26 @@ def least(act: Callable[[], object], runs: int) -> float:
 
 
 def main() -> None:
+    from ident.tracing.evidence.priors import set_prior
+    from ident.tracing.evidence.scan import prepared, scan
     from ident.tracing.screening.context import search_context
-    from ident.tracing.screening.score_test import screen
-    from ident.tracing.screening.stacked import screen_varying
     from scenarios.diagnosis.candidates import candidates_for
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=5)
     runs = parser.parse_args().runs
-    print("model         samples  others  their ms  instances  one by one ms  in one pass ms  ms each  share of others")
+    print("model         samples  whitened ms  named  their ms  instances  their ms  ms each")
     for kind, problem in problems().items():
         fitted = problem.fit((), None)
         context, every = search_context(fitted), candidates_for(problem.model)
-        others, instances = ([c for c in every if c.traits.general is wanted] for wanted in (False, True))
-        known = least(lambda f=fitted, c=context, e=others: screen(f, e, c), runs)
-        apart = least(lambda f=fitted, c=context, e=instances: screen(f, e, c), runs)
-        together = least(lambda f=fitted, c=context, e=instances: screen_varying(f, e, c), runs)
-        counts = f"{len(problem.records[0]):7}  {len(others):6}  {known:8.0f}  {len(instances):9}"
-        print(f"{kind:12}  {counts}  {apart:13.0f}  {together:14.1f}  {together / len(instances):7.2f}  {100.0 * together / known:13.1f} %")
+        prior = set_prior(fitted, context)
+        ready = prepared(fitted, prior)
+        named, instances = ([c for c in every if c.traits.general is wanted] for wanted in (False, True))
+        first = least(lambda f=fitted, p=prior: prepared(f, p), runs)
+        known = least(lambda f=fitted, r=ready, e=named, c=context: scan(f, r, e, c), runs)
+        general = least(lambda f=fitted, r=ready, e=instances, c=context: scan(f, r, e, c), runs)
+        counts = f"{len(problem.records[0]):7}  {first:11.1f}  {len(named):5}  {known:8.0f}  {len(instances):9}"
+        print(f"{kind:12}  {counts}  {general:8.1f}  {general / len(instances):7.2f}")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,16 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 TOUCH = 1.0  # pixels by which boxes of text may overlap: those of glyphs are smaller
-NO_UNIT = ("autocorrelation", "too few samples", "no sample", "no candidate", "likelihood", "method", "study")  # no quantity, or a pure number
+NO_UNIT = (
+    "autocorrelation",
+    "too few samples",
+    "no sample",
+    "no candidate",
+    "likelihood",
+    "log posterior odds",
+    "method",
+    "study",
+)  # no quantity, or a pure number
 
 
 def broken_laws(figure: Figure) -> list[str]:

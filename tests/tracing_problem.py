@@ -9,7 +9,6 @@ import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.replication.by_record import Flight as AllRecords
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks
 from sim.declaration.model import Model
@@ -82,14 +81,3 @@ def coloured(record: Record, seed: int, size: float = 1.0) -> Record:
     for name, std in (("alpha", 0.002), ("q", 0.003), ("nz", 0.03)):
         record = with_output(record, name, record[name].values + coloured_noise(rng, record.time, size * std, 0.3))
     return record
-
-
-def all_records(records: Sequence[Record]) -> AllRecords:
-    """Records that speak on one aircraft together, every sample in them."""
-    masks = tuple(np.ones((len(OUTPUTS), len(record)), dtype=bool) for record in records)
-    return AllRecords(tuple(records), masks, declared(), OUTPUTS, SETTINGS)
-
-
-def root_of(flight: AllRecords) -> FittedModel:
-    """The declared model fitted to all of them."""
-    return fit_of(problem_of(list(flight.records)))

@@ -10,7 +10,6 @@ from __future__ import annotations
 from tests.mutation.run import Mutant
 
 FILTER_ERROR_START = ("tests/unit/ident/process_noise/test_filter_error_fit.py",)
-REFITTING = ("tests/unit/ident/tracing/selection/test_ledger.py",)
 FROM_FILES = ("tests/unit/scenarios/identification/test_from_files.py",)
 FLYING = ("tests/unit/scenarios/studies/test_flying.py",)
 DELAYS = ("tests/unit/ident/banks/test_delay_bank.py",)
@@ -38,21 +37,6 @@ ONCE_UNNOTICED = (
         ("np.sqrt(np.median(beyond[at]", "(np.median(beyond[at]"),
         ("np.clip(ratio, 0.01, 100.0)", "np.clip(ratio, 0.01, 1000.0)"),
         ("np.clip(ratio, 0.01, 100.0)", "np.clip(ratio, 0.001, 100.0)"),
-    ),
-    *changes(
-        "ident/tracing/selection/refitting.py",
-        REFITTING,
-        ("if other < key and len", "if len"),
-        ("if other < key and len", "if not other < key and len"),
-        ("len(other) == len(key) - 1", "len(other) == len(key) - 2"),
-        ("len(other) == len(key) - 1", "len(other) <= len(key) - 1"),
-        ("len(other) == len(key) - 1", "len(other) == len(key) + 1"),
-        ("list(ledger.models.values())[:1]", "list(ledger.models.values())[-1:]"),
-        ("list(ledger.models.values())[:1]", "list(ledger.models.values())"),
-        (" or list(ledger.models.values())[:1]", ""),
-        ("parent = min(parents", "parent = max(parents"),
-        ("max(2.0 * gained, 0.0)", "max(gained, 0.0)"),
-        ("base.fit.cost - fitted.fit.cost", "fitted.fit.cost - base.fit.cost"),
     ),
     *changes(
         "scenarios/identification/from_files.py",
@@ -456,16 +440,6 @@ IDENT = (
         ("z, abs(z) > limit", "z, z > limit"),
     ),
     *changes(
-        "ident/tracing/selection/criterion.py",
-        ("tests/unit/ident/tracing/selection/test_criterion.py",),
-        ("few_samples(parent, child)) + 0.5 * accept", "few_samples(parent, child)) + accept"),
-    ),
-    *changes(
-        "ident/tracing/name_probability.py",
-        ("tests/unit/ident/tracing/test_name_probability.py",),
-        ("-0.5 * behind /", "-1.0 * behind /"),
-    ),
-    *changes(
         "ident/tracing/validation/error_figures.py",
         ("tests/unit/ident/tracing/validation/test_error_figures.py",),
         ("1.0 - (error / spread) ** 2", "1.0 - error / spread"),
@@ -612,14 +586,6 @@ SCENARIOS = (
         "scenarios/diagnosis/deciding.py",
         ("tests/unit/scenarios/diagnosis/test_deciding.py",),
         ("record[name].values - record[name].values[0]", "record[name].values"),
-    ),
-    *changes(
-        "scenarios/diagnosis/witness.py",
-        ("tests/unit/scenarios/diagnosis/test_kinematic_witness.py",),
-        (
-            "math.hypot(own.std, mine.std, 0.5 * worth_of(own))",
-            "math.hypot(own.std, 0.5 * worth_of(own))",
-        ),
     ),
     *changes(
         "scenarios/maneuver_design/limits.py",

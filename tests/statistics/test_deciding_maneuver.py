@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from ident.maneuver_design.rivalry import Acting
+from ident.maneuver_design.decision import CLEAR
+from ident.maneuver_design.rivalry import ODDS_COST, Acting, price
 from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, fit_set
-from ident.tracing.settings import NORMAL
-from ident.tracing.thresholds import AMBIGUOUS
 from ident.whole_record.layout import FitSettings
 from scenarios.maneuver_design.asked import Asked
 from scenarios.maneuver_design.design import Design, design
@@ -66,12 +65,16 @@ def decides(record: Record, found: Design, true: Acting, rival: Acting) -> bool:
     def fitted(acting: Acting | None) -> FittedModel:
         values = acting.full_values if acting is not None else {}
         effects = (acting.effect,) if acting is not None else ()
-        fit = fit_set(data, effects, FitSettings(), Start(added=values), event_cost=NORMAL.event)
+        fit = fit_set(data, effects, FitSettings(), Start(added=values))
         assert fit is not None
         return fit
 
-    mine, other, none = (fitted(each).criterion for each in (true, rival, None))
-    return none - mine >= NORMAL.accept and other - mine >= AMBIGUOUS
+    def weighed(acting: Acting | None) -> float:
+        fit = fitted(acting).fit
+        return 2.0 * fit.cost + (price(acting.effect, fit.counts) if acting is not None else 0.0)
+
+    mine, other, none = (weighed(each) for each in (true, rival, None))
+    return none - mine >= ODDS_COST and other - mine >= CLEAR
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""An effect's parameters in a fitted model: values with corrected sigmas, the records they act on, and which lie beyond belief."""
+"""An effect's parameters in a fitted model: values with corrected sigmas, and the records they act on."""
 
 from __future__ import annotations
 

@@ -13,7 +13,9 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, is_event
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Quantity, Step
+from ident.tracing.evidence.evidence import evidence_of
 from ident.tracing.evidence.priors import FEWEST, ODDS
+from ident.tracing.screening.context import search_context
 from ident.tracing.spikes.detection import Spikes, final_spikes, input_edges, input_spikes, provisional_mask
 from ident.tracing.validation.held_out import HeldOut
 from sim.declaration.effect import full_name
@@ -93,7 +95,8 @@ def cleaned_inputs(problem: TraceProblem, root: FittedModel) -> tuple[TraceProbl
             known_to = max(float(np.ptp(problem.records[0][name].values)) * 1e-3, 1e-12)
             claims.append(_claim(names[name], _differences(problem.records, trial.records, name, found), unit, known_to))
             sentence = f"spikes of {name} mended: the log likelihood rises by {brought:.1f}"
-            steps.append(Step((), math.nan, fitted.fit.log_likelihood, sentence))
+            evidence, _, _ = evidence_of(fitted, search_context(fitted, problem.predicted))
+            steps.append(Step((), evidence, fitted.fit.log_likelihood, sentence))
             problem, root = trial, fitted
     return problem, root, claims, steps
 

@@ -18,7 +18,7 @@ class Effect:
     ----------
     name : as ``flightid.effects()`` lists it. sentence : in words, with its numbers.
     parameters : its own, by local name. alternatives : effects that fit these data as well.
-    probability : that it acts, or each that could take its place, or something else, by name.
+    probability : that it acts, or each that could take its place, by name.
     """
 
     name: str

@@ -38,7 +38,7 @@ def evidence_sentences(claim: Claim) -> list[str]:
 def apart_text(claim: Claim) -> str:
     """Where values of the records differ by more than their sigmas say; empty where they agree."""
     told = []
-    for name in claim.by_record[0] if claim.by_record else ():
+    for name in claim.by_record[0] if len(claim.by_record) > 1 else ():
         each = [found[name] for found in claim.by_record]
         values, sigmas = np.array([q.value for q in each]), np.minimum([q.std for q in each], LARGEST)
         weight = sigmas**-2

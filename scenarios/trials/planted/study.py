@@ -155,6 +155,8 @@ def grade(expect: Expectation, tracing: Tracing) -> Grade:
         return Grade.RIGHT
     if verdict in expect.verdicts and not names and verdict == "unexplained":
         return Grade.RIGHT
+    if verdict == "ambiguous" and names in expect.effects:
+        return Grade.AMBIGUOUS
     if verdict != "unexplained" and any(_stands_beside(claims, accepted) for accepted in expect.effects):
         return Grade.AMBIGUOUS
     return Grade.UNDECIDED if verdict == "unexplained" and not names else Grade.WRONG

@@ -134,6 +134,9 @@ def test_grades() -> None:
     delay, lag = Claim("input-delay", {}), Claim("actuator-lag", {}, ("input-delay",))
     assert graded(Verdict.TRACED, (delay,), expect) is Grade.RIGHT
     assert graded(Verdict.AMBIGUOUS, (lag,), expect) is Grade.AMBIGUOUS
+    # The right name first, with another that could take its place, is no worse.
+    assert graded(Verdict.AMBIGUOUS, (Claim("input-delay", {}, ("actuator-lag",)),), expect) is Grade.AMBIGUOUS
+    assert graded(Verdict.AMBIGUOUS, (Claim("vane-offset", {}, ("actuator-lag",)),), expect) is Grade.WRONG
     assert graded(Verdict.TRACED, (Claim("vane-offset", {}),), expect) is Grade.WRONG
     assert graded(Verdict.TRACED, (delay, Claim("vane-offset", {})), expect) is Grade.WRONG
     assert graded(Verdict.CONSISTENT, (), expect) is Grade.WRONG

@@ -21,7 +21,6 @@ from scenarios.cli.examples import EXAMPLES
 from scenarios.cli.telling import Told, telling
 from scenarios.commands.run import documents_of
 from scenarios.diagnosis import diagnose as on_files
-from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.identification.methods import METHODS
 from tests.integration.command_line import CommandLine
 
@@ -53,8 +52,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The folder in which all examples have been typed; each ended well and said nothing on stderr."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("examples"))
-        patch.setattr(on_files, "_loop", lambda: one_candidate)
-        patch.setattr(on_files, "_witness", lambda *_: KinematicWitness(None))
+        patch.setattr(on_files, "_loop", lambda _: one_candidate)
+        patch.setattr(on_files, "_kinematics", lambda *_: None)
         patch.setattr("scenarios.tasks.manner.available_cores", lambda: 1)
         for line in [line for examples in EXAMPLES.values() for line, _ in examples]:
             assert typed(line)[::2] == (0, ""), line

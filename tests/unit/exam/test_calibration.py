@@ -1,77 +1,58 @@
-"""Probabilities of names held against the truth: counted by what was said, and calibrated where they were said wrongly."""
+"""Probabilities of names held against the truth: counted by what was said."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from exam.calibration import LEAST, Statement, as_line, calibrated, loss, reliability, statement_of
-from ident.tracing.name_probability import SOMETHING_ELSE, Calibration
-from ident.tracing.weighed import ComparedSet, Ground, Weighed
-
-GROUNDS = [ground.value for ground in Ground]
+from exam.calibration import EDGES, Bin, Statement, binned, reliability
 
 
-def said(*, temperature: float, wrong: float) -> Calibration:
-    return Calibration(dict.fromkeys(GROUNDS, temperature), 0.5, 0.0, dict.fromkeys(GROUNDS, wrong))
-
-
-def statement(behind: float, right: str, ground: Ground = Ground.NOISE_LEFT) -> Statement:
-    """A claim of "a" with "b" behind it by so much of twice the log likelihood."""
-    weighed = Weighed(ground, (ComparedSet(("a",), 0.0), ComparedSet(("b",), behind)))
-    return Statement("a", (), (), weighed, frozenset({right} if right else ()))
-
-
-def drawn(rng: np.random.Generator, count: int, temperature: float, wrong: float, ground: Ground = Ground.NOISE_LEFT) -> list[Statement]:
-    """Claims of which "a" or "b" is right with the probability that such a calibration gives, and neither in some."""
-    out = []
-    for behind in rng.uniform(0.0, 8.0, count):
-        share = 1.0 / (1.0 + np.exp(-0.5 * behind / temperature))
-        name = "" if rng.random() < wrong else "a" if rng.random() < share else "b"
-        out.append(statement(float(behind), name, ground))
-    return out
+def said(probability: float, *right: bool) -> list[Statement]:
+    """Claims with this probability, right or not."""
+    return [Statement("a", probability, each) for each in right]
 
 
 def test_names_are_counted_by_what_was_said_of_them() -> None:
-    """Three to one against the other and a tenth to neither: 67.5 % and 22.5 %."""
-    mine = said(temperature=1.0, wrong=0.1)
-    behind = 2.0 * np.log(3.0)
-    bins = reliability([statement(behind, "a"), statement(behind, "a"), statement(behind, "b"), statement(behind, "")], mine)
+    bins = reliability([*said(0.675, True, True, False), *said(0.725, True), *said(0.225, False, True)])
+    assert [(item.low, item.high) for item in bins] == list(pairwise(EDGES))
     counted = {(item.low, item.high): item for item in bins if item.count}
-    assert {key: (item.count, item.right) for key, item in counted.items()} == {(0.2, 0.5): (4, 1), (0.5, 0.8): (4, 2)}
-    assert counted[(0.5, 0.8)].said == pytest.approx(0.675) and counted[(0.2, 0.5)].said == pytest.approx(0.225)
-    low, high = counted[(0.5, 0.8)].interval
+    assert {key: (item.count, item.right) for key, item in counted.items()} == {(0.2, 0.5): (2, 1), (0.5, 0.8): (4, 3)}
+    assert counted[(0.5, 0.8)].said == pytest.approx(0.6875) and counted[(0.2, 0.5)].said == pytest.approx(0.225)
+    empty = next(item for item in bins if not item.count)
+    assert empty.said == pytest.approx(0.5 * (empty.low + empty.high)) and empty.right == 0
+
+
+def test_an_edge_belongs_to_what_lies_below_it_and_what_is_hardly_probable_is_left_out() -> None:
+    bins = reliability([*said(0.95, True), *said(1.0, True), *said(0.05, False), *said(0.04, False)])
+    assert [item.count for item in bins] == [0, 0, 0, 1, 1]
+    # Without the filter the lowest edge is open as well.
+    assert [item.count for item in binned([(0.05, False), (0.051, False)])] == [1, 0, 0, 0, 0]
+
+
+def test_the_interval_holds_the_share_that_is_right() -> None:
+    """Clopper and Pearson, 95 %: of ten right in ten the lower end is .025 ** .1."""
+    low, high = Bin(0.95, 1.0, 10, 0.99, 10).interval
+    assert low == pytest.approx(0.025**0.1, rel=1e-6) and high == 1.0
+    low, high = Bin(0.5, 0.8, 4, 0.7, 2).interval
     assert low < 0.5 < high
-    # Something else is no name, and what is less likely than one in twenty is not said.
-    assert sum(item.count for item in reliability([statement(40.0, "a")], mine)) == 1
 
 
-def test_the_loss_is_that_of_what_is_right() -> None:
-    mine = said(temperature=1.0, wrong=0.1)
-    behind = 2.0 * np.log(3.0)
-    assert loss([statement(behind, "a")], mine) == pytest.approx(-np.log(0.675))
-    assert loss([statement(behind, "b")], mine) == pytest.approx(-np.log(0.225))
-    assert statement(behind, "").probabilities(mine)[SOMETHING_ELSE] == pytest.approx(0.1)
-    assert loss([statement(behind, "")], mine) == pytest.approx(-np.log(0.1))
-
-
-@pytest.mark.slow
-def test_a_calibration_is_found_again_from_its_claims_each_ground_with_its_own() -> None:
-    rng = np.random.default_rng(7)
-    claims = [*drawn(rng, 600, 2.5, 0.15), *drawn(rng, 600, 0.5, 0.02, Ground.CROSS_VALIDATED)]
-    found = calibrated(claims)
-    assert found.temperature["noise left"] == pytest.approx(2.5, rel=0.3) and found.temperature["cross-validated"] == pytest.approx(0.5, rel=0.3)
-    assert found.wrong["noise left"] == pytest.approx(0.15, abs=0.05) and found.wrong["cross-validated"] == pytest.approx(0.02, abs=0.015)
-    # Of what was never claimed only the prior speaks: one claim in twenty.
-    assert found.wrong["samples"] == pytest.approx(0.05, abs=0.02) and all(share >= LEAST for share in found.wrong.values())
-    assert loss(claims, found) < loss(claims, said(temperature=1.0, wrong=0.05))
-    for item in reliability(drawn(rng, 1500, 2.5, 0.15), found):
-        assert item.count == 0 or abs(item.right / item.count - item.said) < 0.08
+def test_true_probabilities_are_found_to_be_so() -> None:
+    """Names that are right as often as is said lie inside their intervals, overconfident ones outside."""
+    rng = np.random.default_rng(5)
+    p = rng.uniform(0.05, 1.0, 4000)
+    u = rng.random(4000)
+    honest = reliability([Statement("a", float(each), bool(draw < each)) for each, draw in zip(p, u, strict=True)])
+    bold = reliability([Statement("a", float(each), bool(draw < each**2)) for each, draw in zip(p, u, strict=True)])
+    inside = [[item.interval[0] <= item.said <= item.interval[1] for item in bins] for bins in (honest, bold)]
+    assert all(inside[0]) and not any(inside[1][:-1])
 
 
 def test_a_statement_is_kept_as_plain_data() -> None:
-    weighed = Weighed(Ground.ONE_STEP, (ComparedSet(("a", "c"), 1.5, 2.0, 0.25, True), ComparedSet(("b",), 0.0)), ("d",))
-    told = Statement("a", ("c",), ("e",), weighed, frozenset({"a", "d"}))
-    assert statement_of(json.loads(json.dumps(as_line(told)))) == told
+    told = Statement("sensor-lag:q", 0.93, True)
+    assert Statement(**json.loads(json.dumps(asdict(told)))) == told

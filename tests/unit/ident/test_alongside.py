@@ -10,8 +10,6 @@ import time
 import pytest
 
 from ident.alongside import START_METHOD, Alongside, spare_processor
-from scenarios.diagnosis.kinematics import Kinematics
-from scenarios.diagnosis.witness import KinematicWitness
 
 forks = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="no fork that is safe beside threads")
 
@@ -94,21 +92,3 @@ def test_more_than_a_pipe_holds_comes_through() -> None:
     beside = Alongside(lambda: bytes(5_000_000))
     beside.begin()
     assert len(beside.result()) == 5_000_000
-
-
-def test_a_witness_checks_once_whether_it_was_prepared_or_not() -> None:
-    asked = []
-
-    def check() -> Kinematics:
-        asked.append(os.getpid())
-        return Kinematics((), None, "no record")
-
-    for prepared in (False, True):
-        asked.clear()
-        with KinematicWitness(check) as witness:
-            if prepared:
-                witness.prepare()
-            assert witness("sensor-delay:alpha", {}) == 0
-            assert witness.kinematics is witness.kinematics and witness.kinematics is not None
-        # Prepared, it was made by the fork, whose list is another.
-        assert len(asked) == (0 if prepared and sys.platform.startswith("linux") else 1)

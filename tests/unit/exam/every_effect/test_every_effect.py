@@ -50,7 +50,7 @@ class EveryEffectOfFalls(EveryEffect):
 def claimed(name: str, *others: str, verdict: Verdict = Verdict.TRACED, **values: tuple[float, float]) -> Any:
     tracing = tracing_of(verdict)
     found = {local: Quantity(value, std, "1") for local, (value, std) in values.items()}
-    claim = Claim(name, found, others, probability={name: 0.7, **dict.fromkeys(others, 0.2), "something else": 0.1})
+    claim = Claim(name, found, others, probability={name: 0.7, **dict.fromkeys(others, 0.2)})
     object.__setattr__(tracing.diagnosis, "effects", (claim,))
     return tracing
 

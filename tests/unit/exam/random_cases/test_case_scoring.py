@@ -1,4 +1,4 @@
-"""Scores follow the names, verdicts and words; the probabilities of claims can be calibrated from them."""
+"""Scores follow the names, verdicts and words; the probabilities of claims are kept with whether they are right."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from exam.aircraft import drawn_aircraft
+from exam.calibration import Statement
 from exam.random_cases.case import Case, CaseScore, Named
 from exam.random_cases.case_scoring import case_score_of, refusal_score_of
 from exam.random_cases.kinds import KINDS
@@ -15,8 +16,6 @@ from exam.random_cases.summary import coverage, summary, summary_table
 from ident.recording.finding import Certainty, Finding
 from ident.recording.finding import Kind as FindingKind
 from ident.tracing.diagnosis import Claim, Verdict
-from ident.tracing.name_probability import with_probabilities
-from ident.tracing.weighed import ComparedSet, Ground, Weighed
 from scenarios.preparation.recording import WARNED, RawLook, Seen
 from sim.errors import ModelError, RecordError
 from tests.diagnoses import tracing_of
@@ -136,12 +135,9 @@ def test_the_table_counts_a_case_in_its_model_its_group_and_each_thing_hidden() 
     assert counts == {"all": 3, "rigid": 3, "one effect": 2, "two effects": 1, "vane-offset": 2, "input-delay": 2}
 
 
-def test_a_statement_has_the_probabilities_that_were_printed() -> None:
-    # The twins are those of what was offered: a narrower guard counts as the name, which its own traits do not say.
-    sets = (ComparedSet(("sensor-lag:q",), 0.0), ComparedSet(("guard:late-q",), 0.3, guard=True), ComparedSet(("vane-offset",), 2.0))
-    claim = Claim("sensor-lag:q", {}, weighed=Weighed(Ground.NOISE_LEFT, sets))
-    (printed,) = with_probabilities([claim], {"sensor-lag:q": ("guard:late-q",)})
-    (statement,) = marked(("sensor-lag:alpha",), Verdict.TRACED, (printed,)).statements
-    assert statement.probabilities() == printed.probability
-    (alone,) = with_probabilities([claim], {})
-    assert alone.probability["sensor-lag:q"] < printed.probability["sensor-lag:q"]
+def test_statements_are_the_probabilities_that_were_printed_each_right_or_not() -> None:
+    claim = Claim("sensor-lag:alpha", {}, ("vane-offset",), probability={"sensor-lag:alpha": 0.9, "vane-offset": 0.1})
+    hint = Claim("sensor-scale:q", {}, claimed=False, probability={"sensor-scale:q": 0.8})
+    score = marked(("sensor-lag:alpha",), Verdict.AMBIGUOUS, (claim, hint))
+    assert score.statements == (Statement("sensor-lag:alpha", 0.9, True), Statement("vane-offset", 0.1, False))
+    assert marked((), Verdict.UNEXPLAINED, (Claim("vane-offset", {}, claimed=False),)).statements == ()

@@ -163,9 +163,7 @@ def test_intervals_hold_what_is_true_as_often_as_they_say() -> None:
 
 
 def test_what_a_claim_says_is_read_from_it() -> None:
-    claim = Claim(
-        "sensor-lag:q", {"time_constant": Quantity(0.06, 0.002, "s")}, probability={"sensor-lag:q": 0.7, "vane-offset": 0.2, "something else": 0.1}
-    )
+    claim = Claim("sensor-lag:q", {"time_constant": Quantity(0.06, 0.002, "s")}, probability={"sensor-lag:q": 0.7, "vane-offset": 0.2})
     assert stated_by([claim], {"sensor-lag:q"}) == (Stated("sensor-lag:q", 0.7, True, True), Stated("vane-offset", 0.2, False, False))
     assert parameter_errors([claim], {"sensor-lag:q": {"time_constant": 0.05}}) == pytest.approx({"sensor-lag:q.time_constant": 5.0})
     assert parameter_errors([claim], {"vane-offset": {"arm": 5.0}}) == {}

@@ -10,10 +10,9 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import ncx2
 
-from ident.maneuver_design.decision import Decision, chance_found, decision_of
+from ident.maneuver_design.decision import CLEAR, Decision, chance_found, decision_of
 from ident.maneuver_design.planned_flight import Planned, expected_sigmas, simulated
 from ident.maneuver_design.rivalry import Acting, contest, linear_squares
-from ident.tracing.thresholds import AMBIGUOUS
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.effects.library import find_effect
@@ -112,8 +111,8 @@ def test_the_difference_of_log_likelihoods_scatters_as_told() -> None:
     told = decision_of(np.array([left]), np.array([10**9]), size**2, 1, 1)
     assert difference.mean() == pytest.approx(told.mean, abs=0.1)
     assert difference.std() == pytest.approx(told.std, rel=0.02)
-    assert np.mean(difference > AMBIGUOUS) == pytest.approx(told.right, abs=0.02)
-    assert np.mean(difference < -AMBIGUOUS) == pytest.approx(told.wrong, abs=0.02)
+    assert np.mean(difference > CLEAR) == pytest.approx(told.right, abs=0.02)
+    assert np.mean(difference < -CLEAR) == pytest.approx(told.wrong, abs=0.02)
 
 
 @pytest.mark.parametrize("share", [0.1, 1.0, 3.0])

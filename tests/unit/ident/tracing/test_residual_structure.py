@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.tracing import thresholds
+from ident.tracing.declared import fit_declared
 from ident.tracing.diagnosis import FittedRecord
-from ident.tracing.loop import fit_declared
-from ident.tracing.residual_structure import Leftover, left_over, noise_shown
+from ident.tracing.residual_structure import WORTH_A_WORD, Leftover, left_over, noise_shown
 from sim.record import Channel, Hold, Record
 from tests.tracing_problem import planted, problem_of, with_output
 
@@ -94,7 +93,7 @@ def test_coloured_chance_is_hardly_ever_company() -> None:
     assert accused <= 4
 
 
-@pytest.mark.parametrize("size", [thresholds.WORTH_A_WORD / 3.0, 0.0])
+@pytest.mark.parametrize("size", [WORTH_A_WORD / 3.0, 0.0])
 def test_a_small_correlation_is_not_worth_a_word(size: float) -> None:
     rng = np.random.default_rng(8)
     items = []

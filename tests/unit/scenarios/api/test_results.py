@@ -12,7 +12,7 @@ import flightid as fid
 from ident.tracing.diagnosis import Verdict
 from scenarios.api.shown import html
 from scenarios.api.shown.parameters import Parameter
-from tests.diagnoses import diagnosis_of, measured_record, proven_tracing, tracing_of
+from tests.diagnoses import diagnosis_of, measured_record, spread_tracing, tracing_of
 
 SHORT = 1000  # letters
 VERDICTS = [*Verdict]
@@ -67,7 +67,7 @@ def test_effects_carry_their_numbers_and_what_would_do_as_well() -> None:
     (effect,) = found.effects
     assert (effect["delay"].value, effect["delay"].sigma, effect["delay"].unit) == (0.061, 0.001, "s")
     assert effect.alternatives == ("actuator-lag",) and "actuator-lag" in "".join(shown(effect._repr_html_()))
-    proven = fid.Diagnosis(proven_tracing())
+    proven = fid.Diagnosis(spread_tracing())
     assert proven.effects and len(repr(proven)) < SHORT
     with pytest.raises(KeyError, match="there is no parameter 'lag': delay"):
         _ = effect["lag"]

@@ -35,7 +35,7 @@ class Loop:
         self.given: dict[str, Any] = {}
         self.verdict = verdict
 
-    def __call__(self, records: Sequence[Record], model, candidates, guards, validation, settings, progress, witness, outlook) -> Diagnosis:
+    def __call__(self, records: Sequence[Record], model, candidates, guards, validation, settings, progress, outlook) -> Diagnosis:
         self.given = {"records": records, "model": model, "candidates": candidates, "guards": guards, "validation": validation}
         return diagnosis_of(self.verdict, RIGID if model.equations.name == "rigid" else LOES, tuple(records), tuple(validation))
 
@@ -112,7 +112,7 @@ def test_kinematics_are_asked_of_all_that_may_choose_where_a_verdict_needs_evide
 
 
 def test_kinematics_do_not_see_what_is_held_out(files: tuple[Path, Path, Path], checked: list[tuple[Any, ...]], tmp_path: Path) -> None:
-    """Their word counts in the ranking, and two records or more are fitted here."""
+    """Two records or more are fitted here, and they alone are checked."""
     train, validate, vehicle = files
     third = tmp_path / "third.csv"
     third.write_bytes(train.read_bytes())

@@ -14,7 +14,6 @@ from scenarios.diagnosis.kinematic_records import LATERAL, LONGITUDINAL, OF_MODE
 from scenarios.diagnosis.kinematics import AGREES, CONTRADICTS, Kinematics, agreements, unnamed
 from scenarios.diagnosis.report.kinematics_text import kinematics_content, kinematics_lines
 from scenarios.diagnosis.report.wording import Wording
-from scenarios.diagnosis.witness import kinematic_evidence, shares_a_twin
 from sim.effects.library import effects_for
 from sim.maths.constants import G0
 from sim.record import Channel, Record
@@ -54,24 +53,21 @@ def test_a_late_vane_is_found_and_one_that_is_not_late_contradicted(records: dic
     claim = Claim(f"sensor-delay:{channel}", {"delay": Quantity(2.0 / RATE, 0.002, "s")})
     found = asked(records, model, channel, late(channel, 2))
     (said,) = agreements(found, [claim])
-    assert said.says == AGREES and kinematic_evidence(found, claim.name, claim.parameters) > 100.0
+    assert said.says == AGREES
     standing = delay_of(found, claim.name)
     assert standing.stands and abs(standing.value - 2.0 / RATE) < 0.006
     # Under the noise that it leaves an arm of the vane would seem likelier: each is fitted in full.
     assert not delay_of(found, "vane-offset").stands or claim.name in delay_of(found, "vane-offset").group
     sound = asked(records, model)
     assert unnamed(sound, []) == [] and agreements(sound, [claim])[0].says == CONTRADICTS
-    assert kinematic_evidence(sound, claim.name, claim.parameters) < -10.0
 
 
-def test_what_is_another_effect_word_for_word_gets_no_evidence(records: dict[str, list[Record]]) -> None:
+def test_a_vane_ahead_is_found_and_a_claim_of_it_agrees(records: dict[str, list[Record]]) -> None:
     speed = CONSTANTS["lateral"]["airspeed"]
     found = asked(records, "lateral", "beta", lambda record: record["beta"].values + 6.0 / speed * record["r"].values)
     claim = Claim("vane-offset", {"arm": Quantity(6.0, 0.3, "m")})
     (said,) = agreements(found, [claim])
     assert said.says == AGREES and unnamed(found, [claim]) == []
-    assert found.result is not None and shares_a_twin("vane-offset", found.result)
-    assert kinematic_evidence(found, "vane-offset", claim.parameters) == 0.0
 
 
 def test_an_accelerometer_below_has_the_name_of_the_longitudinal_effect(records: dict[str, list[Record]]) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from ident.tracing.diagnosis import Diagnosis, Quantity, Verdict
+from ident.tracing.diagnosis import Diagnosis, Verdict
 from scenarios.compatibility.check import check_files
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.preparation.plan import Plan, Segment
@@ -43,15 +43,14 @@ def opened(tmp_path: Path) -> Any:
 
 
 class Overwriting:
-    """Stands in for the loop: asks the witness, and overwrites every file meanwhile."""
+    """Stands in for the loop: overwrites every file meanwhile."""
 
     def __init__(self, files: Sequence[Path] = ()) -> None:
         self.files = files
 
-    def __call__(self, records: Sequence[Record], model, candidates, guards, validation, settings, progress, witness, outlook) -> Diagnosis:
+    def __call__(self, records: Sequence[Record], model, candidates, guards, validation, settings, progress, outlook) -> Diagnosis:
         for file in self.files:
             file.write_text("nothing of use\n")
-        witness("sensor-lag:alpha", {"time_constant": Quantity(0.05, 0.01, "s")})
         return diagnosis_of(Verdict.PARTIAL, RIGID, tuple(records), tuple(validation))
 
 

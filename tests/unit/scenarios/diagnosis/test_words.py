@@ -187,17 +187,16 @@ def test_stick_wording_comes_from_the_record() -> None:
 
 
 @pytest.mark.parametrize(
-    ("part", "used", "where", "kind"),
+    ("part", "where"),
     [
-        (None, False, "the held-out record validate.csv", "held out"),
-        (None, True, "the record validate.csv (not fitted, but used to choose)", "not fitted"),
-        (12.0, True, "the last part of validate.csv, from 12 s on (not fitted, but used to choose)", "not fitted"),
+        (None, "the held-out record validate.csv"),
+        (12.0, "the held-out part of validate.csv, from 12 s on"),
     ],
 )
-def test_held_out_is_only_what_took_no_part_in_choosing(part: float | None, used: bool, where: str, kind: str) -> None:
-    tracing = tracing_of(Verdict.TRACED)
-    tracing = replace(tracing, held_out_from=part, diagnosis=replace(tracing.diagnosis, used_to_choose=used))
-    assert where_predicted(tracing) == where and kind_of_predicted(tracing.diagnosis) == kind
+def test_what_took_no_part_in_choosing_is_called_held_out(part: float | None, where: str) -> None:
+    tracing = replace(tracing_of(Verdict.TRACED), held_out_from=part)
+    assert where_predicted(tracing) == where and kind_of_predicted(tracing.diagnosis) == "held out"
     assert f"simulation error (rms) on {where}" in " ".join(diagnosis_text(tracing).split())
-    # What the evidence is from: the records that took part.
-    assert record_labels(tracing) == ["train.csv", *([] if not used else ["validate.csv" if part is None else "validate.csv, from 12 s"])]
+    assert record_labels(tracing) == ["train.csv"]
+    fitted = replace(tracing, diagnosis=replace(tracing.diagnosis, held_out=False))
+    assert where_predicted(fitted) == "the fitted record" and kind_of_predicted(fitted.diagnosis) == "fitted"

@@ -16,7 +16,7 @@ from scenarios.plots.style import BLUE
 from scenarios.plots.tracing.derivatives import figure_derivatives
 from scenarios.plots.tracing.evidence import figure_evidence
 from scenarios.plots.tracing.pictured import Replicated
-from scenarios.plots.tracing.reasons import Standing, answer, reason
+from scenarios.plots.tracing.reasons import Standing, reason
 from scenarios.plots.tracing.replication import figure_replication
 from scenarios.plots.tracing.residuals import figure_held_out, figure_residuals, figure_spectra, spectrum
 from tests.diagnoses import BALLISTIC, NOISE, tracing_of
@@ -64,22 +64,22 @@ def test_held_out_shows_measured_and_both_predictions() -> None:
 def test_evidence_has_the_longest_bar_on_top_and_the_claimed_one_blue() -> None:
     candidates = tracing_of(Verdict.PARTIAL).diagnosis.candidates
     figure = figure_evidence(candidates, Standing(("sensor-lag:alpha",), noise_left=True))
-    assert len(figure.axes) == 4, "gain and held-out change of two rounds"
+    assert len(figure.axes) == 2, "two rounds"
     bars = [bar for bar in figure.axes[0].patches if isinstance(bar, Rectangle)]
     tops = sorted(bars, key=lambda bar: bar.get_y())
     lengths = [bar.get_width() for bar in tops]
     assert lengths == sorted(lengths) and len(lengths) == 4
     assert to_hex(tops[-1].get_facecolor()) == BLUE.lower()
     assert {to_hex(bar.get_facecolor()) for bar in tops[:-1]} & {BLUE.lower()} == set()
-    assert figure.axes[2].get_title(loc="left") == "round 2, beside sensor-lag:alpha; nothing more was needed"
+    assert figure.axes[1].get_title(loc="left") == "round 2, beside sensor-lag:alpha; nothing more was needed"
 
 
-def candidate(name: str, gain: float, **told: object) -> Candidate:
-    return replace(Candidate(1, (), name, gain, 1e-9, True, True, {}), **told)  # type: ignore[arg-type]
+def candidate(name: str, weight: float, **told: object) -> Candidate:
+    return replace(Candidate(1, (), name, weight + 5.0, weight, True, {}), **told)  # type: ignore[arg-type]
 
 
 def rows_of(figure: Figure) -> dict[str, list[str]]:
-    """By candidate the texts in its row: gain, held-out change, reason."""
+    """By candidate the texts in its row: log odds, reason."""
     panels = figure.axes
     names = [label.get_text() for label in panels[0].get_yticklabels()]
     at = dict(zip(panels[0].get_yticks().tolist(), names, strict=True))
@@ -92,37 +92,43 @@ def rows_of(figure: Figure) -> dict[str, list[str]]:
 
 
 def test_evidence_says_beside_each_bar_why_it_was_not_chosen() -> None:
-    """Three gains of one size: the held-out change decides, and a bar above the winner has a reason."""
     candidates = [
-        candidate("vane-offset", 1548.0, held_out_change=0.08, held_out_scatter=0.02),
-        candidate("input-delay", 1539.0, held_out_change=-0.45, held_out_scatter=0.03),
-        candidate("actuator-lag", 1528.0, held_out_change=-0.41, collinear_with=("input-delay",)),
-        candidate("speed-variation", 1545.0, plausible=False),
+        candidate("vane-offset", 1531.0),
+        candidate("input-delay", 1539.0),
+        candidate("actuator-lag", 1528.0, collinear_with=("input-delay",)),
         candidate("guard:lagged-loads", 1400.0),
         candidate("elastic-mode", 800.0, fitted=False),
-        candidate("sensor-lag:q", 1543.0, remark="the records give different values"),
+        candidate("speed-variation", -4.0),
     ]
     figure = figure_evidence(candidates, Standing(("input-delay",), noise_left=True))
     rows = rows_of(figure)
-    assert rows["vane-offset"] == ["1548", "+8.0 %", "fails held out"]
-    assert rows["input-delay"] == ["1539", "−45.0 %", "claimed"]
-    assert rows["actuator-lag"] == ["1528", "−41.0 %", "like the claimed, less"]
-    assert [rows[name][-1] for name in ("speed-variation", "guard:lagged-loads", "elastic-mode", "sensor-lag:q")] == [
-        "implausible",
-        "no effect of the library",
-        "screened: brings less",
-        "not replicated",
-    ]
-    ends = {bar.get_y(): bar.get_x() + bar.get_width() for bar in figure.axes[0].patches if isinstance(bar, Rectangle)}
-    assert sorted(ends.values(), reverse=True)[:2] == pytest.approx([0.0, -3.0]), "bars end where a gain lies below the best"
-    points = [line for line in figure.axes[1].lines if line.get_marker() == "o"]
-    assert sorted(float(np.asarray(line.get_xdata())[0]) for line in points) == pytest.approx([-45.0, -41.0, 8.0])
+    assert rows == {
+        "input-delay": ["1539", "claimed"],
+        "vane-offset": ["1531", "brings less"],
+        "actuator-lag": ["1528", "like the claimed, less"],
+        "guard:lagged-loads": ["1400", "no effect of the library"],
+        "elastic-mode": ["800", "linearised: brings less"],
+        "speed-variation": ["−4.0", "not needed"],
+    }
+    (panel,) = figure.axes
+    bars = [bar for bar in panel.patches if isinstance(bar, Rectangle)]
+    ends = sorted((bar.get_x() + bar.get_width() for bar in bars), reverse=True)
+    assert ends[:3] == pytest.approx([0.0, -8.0, -11.0]), "bars end where the odds lie below the best"
+    open_bars = [bar for bar in bars if to_hex(bar.get_facecolor()) == "#ffffff"]
+    assert len(open_bars) == 1, "what was not fitted is an open bar"
 
 
-def test_evidence_counts_what_it_leaves_out_and_keeps_what_was_weighed() -> None:
-    many = [candidate(f"effect-{number}", 100.0 - number) for number in range(20)] + [candidate("weighed", 1.0, held_out_change=-0.2)]
-    (panel, _) = figure_evidence(many).axes
-    assert "weighed" in {label.get_text() for label in panel.get_yticklabels()} and len(panel.get_yticks()) == 12
+def test_evidence_shows_a_candidate_once_as_it_was_fitted() -> None:
+    twice = [candidate("sensor-lag:q", 246.0, fitted=False), candidate("sensor-lag:q", 857.0), candidate("sensor-lag:q", 700.0)]
+    assert rows_of(figure_evidence(twice, Standing(("sensor-lag:q",)))) == {"sensor-lag:q": ["857", "claimed"]}
+    # Also where its signature promised more than the fit brought.
+    assert rows_of(figure_evidence([replace(twice[0], weight=900.0), twice[2]])) == {"sensor-lag:q": ["700", "not spread evenly"]}
+
+
+def test_evidence_counts_what_it_leaves_out_and_keeps_what_is_named() -> None:
+    many = [candidate(f"effect-{number}", 100.0 - number) for number in range(20)] + [candidate("hint", 1.0)]
+    (panel,) = figure_evidence(many, Standing(hints=("hint",))).axes
+    assert "hint" in {label.get_text() for label in panel.get_yticklabels()} and len(panel.get_yticks()) == 12
     assert "9 others below" in [text.get_text() for text in panel.texts]
 
 
@@ -133,8 +139,8 @@ def test_alternatives_are_marked_beside_the_other_claims_and_nothing_more_is_nee
     last = candidate("d", 5.0, within=("a", "b"))
     assert reason(last, standing, [last]) == "not needed"
     assert reason(last, replace(standing, noise_left=False), [last]) != "not needed"
-    assert answer("cross-validated") == "cross-validated" and answer("cross-validated, but another does better") == "another does better"
-    assert answer("it says something that nobody foresaw in so many words").endswith("…")
+    # Less probable than its absence: nothing speaks for it beside any set.
+    assert reason(replace(last, weight=-1.0), replace(standing, noise_left=False), [last]) == "not needed"
 
 
 def test_evidence_of_no_candidate_says_so() -> None:

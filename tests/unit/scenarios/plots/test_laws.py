@@ -25,7 +25,7 @@ from scenarios.plots.studies.side_by_side import (
     figure_studies_responses,
 )
 from scenarios.plots.style import make_sheet
-from tests.diagnoses import BALLISTIC, LOES, proven_tracing, tracing_of
+from tests.diagnoses import BALLISTIC, LOES, spread_tracing, tracing_of
 from tests.figure_laws import broken_laws, words
 from tests.unit.scenarios.plots.conftest import Study
 from tests.unit.scenarios.plots.test_sheets import FIGURES
@@ -34,7 +34,7 @@ TRACINGS = {
     "consistent": lambda: tracing_of(Verdict.CONSISTENT, count=80),
     "ambiguous": lambda: tracing_of(Verdict.AMBIGUOUS, LOES, count=80),
     "unexplained": lambda: tracing_of(Verdict.UNEXPLAINED, BALLISTIC, channels=("altitude",), count=80),
-    "partial": proven_tracing,
+    "partial": spread_tracing,
 }
 
 

@@ -19,7 +19,7 @@ from scenarios.studies.campaign import Campaign, Spread
 from scenarios.studies.campaign_text import print_campaign
 from scenarios.terminal.paragraphs import WIDTH, folded, print_paragraph, shortened, wrapped
 from scenarios.terminal.tables import Column, columns_of, print_table, table_lines
-from tests.diagnoses import proven_tracing, tracing_of
+from tests.diagnoses import spread_tracing, tracing_of
 from tests.printed_tables import closed, read_back
 
 NUMBER = st.floats(-1e9, 1e9).map(lambda value: f"{value:.6g}") | st.floats(1e-4, 1.0).map(lambda s: f"{10 * s:.4f} +- {s:.4f}")
@@ -100,7 +100,7 @@ def test_a_campaign_is_whole_in_a_narrow_terminal(width: int) -> None:
 
 @pytest.mark.parametrize("width", [80, 100, WIDTH])
 def test_a_diagnosis_fits_its_terminal(width: int) -> None:
-    for tracing in (proven_tracing(), *(tracing_of(verdict) for verdict in Verdict)):
+    for tracing in (spread_tracing(), *(tracing_of(verdict) for verdict in Verdict)):
         assert max(len(line) for line in diagnosis_text(tracing, width).splitlines()) <= width
 
 

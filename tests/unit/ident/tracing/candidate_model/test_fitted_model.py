@@ -1,20 +1,19 @@
-"""Fitted models carry values from one to the next, and count what their effects cost."""
+"""Fitted models carry values from one to the next."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from ident.tracing.candidate_model.fitted_model import carried, compiled_with, free_names, known_beforehand
+from ident.tracing.candidate_model.fitted_model import carried, compiled_with, known_beforehand
 from ident.tracing.candidate_model.quantities import quantities
 from ident.whole_record.layout import FitSettings, lay_out
 from sim.declaration.compile import compile_model
-from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
-from tests.tracing_problem import OUTPUTS, SETTINGS, declared, fit_of, planted, problem_of
+from tests.tracing_problem import OUTPUTS, declared, fit_of, planted, problem_of
 from tests.whole_axes import flown, true_model
 
 LAG = {"sensor-lag:q.time_constant": 0.06}
@@ -81,19 +80,9 @@ def test_parameters_of_an_effect_of_one_record_are_local() -> None:
     assert fitted.fit.layout.local[-1] == "sensor-drift:q.slope"
     assert [own["sensor-drift:q.slope"] for own in fitted.values.own] == [pytest.approx(0.002, abs=2e-4), pytest.approx(-0.003, abs=2e-4)]
     assert fitted.values.shared["sensor-scale:nz.scale"] == pytest.approx(1.2, abs=0.02)
-    # Three parameters are paid for: one a record, one for both.
-    assert fitted.added == 3
-    assert fitted.criterion == pytest.approx(2.0 * fitted.fit.cost + 3.0 * np.log(2 * 3 * len(records[0])))
     shown = quantities(fitted, drift)["slope"]
     # Of the record in which it stands out most.
     assert shown.value == fitted.values.own[1]["sensor-drift:q.slope"] and shown.std > 0 and shown.unit == "rad/s/s"
-
-
-def test_an_event_pays_for_its_place() -> None:
-    problem = problem_of([planted()])
-    fitted = fit_of(problem, [UnmeasuredInput()])
-    assert len(free_names(UnmeasuredInput())) == 4
-    assert fitted.criterion == pytest.approx(2.0 * fitted.fit.cost + 4.0 * np.log(fitted.fit.counts.sum()) + SETTINGS.event)
 
 
 def test_bad_starts_leave_nothing_fitted() -> None:

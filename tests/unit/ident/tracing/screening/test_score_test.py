@@ -14,7 +14,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.screening.context import search_context
-from ident.tracing.screening.score_test import Finding, _resonances_first, collinear, screen
+from ident.tracing.screening.score_test import Finding, _resonances_first, screen
 from ident.tracing.screening.score_test import _start as start_of
 from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
@@ -86,6 +86,11 @@ class MomentOfControlSquared:
 
 def found(fitted: FittedModel, *effects: Traceable) -> list[Finding]:
     return screen(fitted, effects, search_context(fitted))
+
+
+def cosine(a: Finding, b: Finding) -> float:
+    """Of what two candidates would add to the projected outputs."""
+    return abs(float(a.contribution @ b.contribution)) / float(np.linalg.norm(a.contribution) * np.linalg.norm(b.contribution))
 
 
 def root_of(effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None, seed: int = 1) -> tuple[TraceProblem, FittedModel]:
@@ -204,17 +209,17 @@ def test_a_shifted_onset_equals_its_direct_computation() -> None:
     (direct,) = found(root, EveryOnset(starts=places))
     assert shifted.gain == pytest.approx(direct.gain, rel=1e-6)
     assert dict(shifted.starts[0]) == pytest.approx(dict(direct.starts[0]), rel=1e-5)
-    assert collinear(shifted, direct) == pytest.approx(1.0, abs=1e-9)
+    assert cosine(shifted, direct) == pytest.approx(1.0, abs=1e-9)
     assert abs(shifted.starts[0]["unmeasured-input.start"] - 4.3) < 0.2
 
 
 def test_a_delay_and_a_lag_of_one_sensor_are_collinear_and_two_scales_are_not() -> None:
     _, root = root_of([SensorDelay("q")], {"sensor-delay:q.delay": 0.05})
     by_name = {f.effect.name: f for f in found(root, SensorDelay("q"), SensorLag("q"), SensorScale("nz"))}
-    late = collinear(by_name["sensor-delay:q"], by_name["sensor-lag:q"])
+    late = cosine(by_name["sensor-delay:q"], by_name["sensor-lag:q"])
     assert 0.97 < late <= 1.0 + 1e-12
-    assert collinear(by_name["sensor-delay:q"], by_name["sensor-delay:q"]) == pytest.approx(1.0, abs=1e-12)
-    assert collinear(by_name["sensor-delay:q"], by_name["sensor-scale:nz"]) < 0.9
+    assert cosine(by_name["sensor-delay:q"], by_name["sensor-delay:q"]) == pytest.approx(1.0, abs=1e-12)
+    assert cosine(by_name["sensor-delay:q"], by_name["sensor-scale:nz"]) < 0.9
 
 
 @pytest.mark.parametrize("gain", [-1.5, 1.5])

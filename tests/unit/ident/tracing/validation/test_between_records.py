@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.tracing.loop import fit_declared, held_out_data
-from ident.tracing.replication.between_records import inflation, scatter_between_records
+from ident.tracing.declared import fit_declared, held_out_data
+from ident.tracing.validation.between_records import inflation, scatter_between_records
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.maneuvers.steps import doublet, sequence, three_two_one_one
 from sim.record import Record
@@ -80,9 +80,9 @@ def test_records_differ_in_rough_air_as_their_derivatives_do(apart: float, low: 
     records = [in_rough_air(seed, damping * (1.0 + apart * side)) for seed, side in ((1, -1.0), (2, 0.0), (3, 1.0))]
     done = fit_declared(problem_of(records[:2], [ROUGH]))
     held = held_out_data(done, records[2:])
-    fitted = done.ledger.problem.fit((ROUGH,), done.root)
+    fitted = done.problem.fit((ROUGH,), done.root)
     assert fitted is not None
-    found = scatter_between_records(done.ledger.problem, fitted, held)
+    found = scatter_between_records(done.problem, fitted, held)
     assert set(found.inflation) == {"CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"}
     assert low <= found.inflation["Cm_q"] <= high
     assert found.scatter["Cm_q"] > 0.15 * abs(damping) if apart else found.scatter["Cm_q"] < 0.15 * abs(damping)

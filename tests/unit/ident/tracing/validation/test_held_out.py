@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.diagnosis import Candidate
 from ident.tracing.spikes.masks import measured_masks
 from ident.tracing.validation.error_figures import prediction
-from ident.tracing.validation.held_out import HeldOut, HeldOutData, charged_cost, doubted, held_out, with_held_out_change
+from ident.tracing.validation.held_out import HeldOut, doubted, held_out
 from ident.tracing.validation.training_knowledge import training_prior
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
-from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.record import Channel, Record
@@ -105,32 +101,3 @@ def test_a_fit_that_fails_says_so(fitted: FittedModel) -> None:
     elevator = Channel.of("elevator", "rad", 1e300 * record["elevator"].values)
     broken = Record(record.time, (elevator,), record.outputs, record.hold)
     assert held_out(fitted, [broken], None, informed=False).frozen is None
-
-
-def test_what_was_weighed_on_held_out_data_keeps_its_change() -> None:
-    record, other = planted([SensorLag("q")], LAG, 1), planted([SensorLag("q")], LAG, 2)
-    problem = problem_of([record])
-    root, lagged = fit_of(problem), fit_of(problem, (SensorLag("q"),), None, LAG)
-    held = HeldOutData([other], None, held_out(root, [other], None, informed=False))
-    gain = root.fit.cost - lagged.fit.cost
-    weighed = Candidate(1, (), "sensor-lag:q", gain, 0.0, True, True, {}, -0.3)
-    found = with_held_out_change([weighed, replace(weighed, held_out_change=None)], {frozenset({"sensor-lag:q"}): lagged}, held)
-    assert found[0] is weighed
-    assert found[1].held_out_change is not None and -0.9 < found[1].held_out_change < 0.0 and found[1].held_out_change != -0.3
-
-
-def test_what_a_set_has_for_each_record_alone_is_charged_where_it_was_not_fitted() -> None:
-    """Twice the cost, and ln N for each parameter of its own; nothing where those data take no part, no bound where they cannot be fitted."""
-    drift = SensorDrift("q", "rad/s", 5e-4)
-    record, other = planted(seed=1), planted(seed=2)
-    problem = problem_of([record])
-    plain = fit_of(problem)
-    drifting = fit_of(problem, (drift,), plain)
-    data = HeldOutData([other], None, choosing=True)
-    for fitted, own in ((plain, 0), (drifting, 1)):
-        out = held_out(fitted, [other], None)
-        assert out.informed is not None
-        expected = 2.0 * out.informed.cost + own * float(np.log(out.informed.counts.sum()))
-        assert charged_cost(fitted, out, data) == pytest.approx(expected, rel=1e-12)
-        assert charged_cost(fitted, out, replace(data, choosing=False)) == 0.0
-    assert charged_cost(plain, HeldOut(None, None), data) == float("inf")

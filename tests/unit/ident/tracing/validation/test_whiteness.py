@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.validation.whiteness import low_frequency_power, whiteness
+from ident.tracing.validation.whiteness import is_white, low_frequency_power, whiteness
 from tests.tracing_problem import OUTPUTS, fit_of, planted, problem_of, with_output, without_output
 
 
@@ -52,3 +52,16 @@ def test_whiteness_tests_every_channel_with_enough_samples_of_every_record(fitte
     alpha[15:] = np.nan
     few = fit_of(problem_of([with_output(short, "alpha", alpha)]))
     assert {test.channel for test in whiteness(few.fit, "fitted")} == {"q, fitted"}
+
+
+def test_a_fit_is_white_where_no_channel_of_any_record_has_a_smaller_p_value() -> None:
+    """It asks Ljung-Box alone, of channels with enough samples."""
+    records = [planted(seed=1), planted(seed=2)]
+    sound = fit_of(problem_of(records)).fit
+    boxes = [test.p_value for test in whiteness(sound, "fitted") if test.name == "ljung-box"]
+    assert is_white(sound) and is_white(sound, 0.999 * min(boxes)) and not is_white(sound, min(boxes))
+    slow = with_output(records[1], "q", records[1]["q"].values + 0.01 * np.sin(2.0 * records[1].time))
+    assert not is_white(fit_of(problem_of([records[0], slow])).fit)
+    few = np.full(len(slow), np.nan)
+    few[:: len(slow) // 15] = slow["q"].values[:: len(slow) // 15]
+    assert is_white(fit_of(problem_of([records[0], with_output(slow, "q", few)])).fit)

@@ -46,7 +46,7 @@ def numbers(value: Any, path: str = "") -> list[tuple[str, float]]:
 @pytest.mark.parametrize(("verdict", "vehicle", "channels"), STUDIES)
 def test_every_verdict_has_all_that_is_read(verdict: Verdict, vehicle: VehicleFile, channels: tuple[str, ...]) -> None:
     content = strict(diagnosis_content(tracing_of(verdict, vehicle, channels=channels), "2026-01-01T00:00:00Z"))
-    assert content["schema"] == "flightid/diagnosis/1"
+    assert content["schema"] == "flightid/diagnosis/2"
     assert content["verdict"] == verdict.value
     for when in ("before", "after"):
         assert set(content["parameters"][when]) == set(vehicle.derivatives)
@@ -92,9 +92,9 @@ def test_candidates_carry_all_evidence() -> None:
     found = strict(diagnosis_content(tracing, ""))["candidates"]
     assert [c["name"] for c in found] == [c.name for c in tracing.diagnosis.candidates]
     for c in found:
-        assert {"round", "within", "name", "gain", "p_value", "plausible", "parameters", "collinear_with"} <= set(c)
-    assert found[0]["held_out_change"] == -0.74
-    assert "held_out_change" not in found[2]
+        assert {"round", "within", "name", "gain", "weight", "fitted", "parameters", "collinear_with"} == set(c)
+    assert found[0]["gain"] == 420.0 and found[0]["weight"] == pytest.approx(414.9)
+    assert [c["fitted"] for c in found] == [True, True, False, False]
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 0.0, -1.0])

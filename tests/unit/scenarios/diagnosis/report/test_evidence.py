@@ -1,22 +1,26 @@
-"""A partial verdict told: the group, what replicates, run-to-run scatter, what is left."""
+"""A partial verdict told: the group, how its evidence is spread, run-to-run scatter, what is left."""
 
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
+from html import unescape
 
 import numpy as np
 import pytest
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.diagnosis import Caution, Claim, Concern, Diagnosis, Evidence, Quantity, Verdict
+from ident.tracing.diagnosis import Caution, Claim, Concern, Diagnosis, Quantity, Verdict
 from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.evidence import apart_text, by_record_text, evidence_sentences, member_derivatives, warnings_of
-from scenarios.diagnosis.report.tables import SIGMA_NOTE, candidate_row, weighed_rows
+from scenarios.diagnosis.report.page import REPLICATION_NOTE, diagnosis_page
+from scenarios.diagnosis.report.tables import SIGMA_NOTE, candidate_row
 from scenarios.diagnosis.report.text import diagnosis_text, headline
 from scenarios.diagnosis.report.wording import Wording, group_sentence
 from scenarios.files.writing import json_text
-from tests.diagnoses import LATE, evidence_of, proven_tracing, tracing_of
+from scenarios.pages.rendering import page_html
+from tests.diagnoses import LATE, each_record, spread_tracing, tracing_of
 
 
 def coloured(count: int, p_value: float = 1e-30) -> tuple[ResidualTest, ...]:
@@ -27,18 +31,45 @@ def coloured(count: int, p_value: float = 1e-30) -> tuple[ResidualTest, ...]:
     )
 
 
+SPREAD = "its log evidence is 5.2 times the scatter of that between blocks of a second"
+
+
+def late(values: tuple[float, ...] = LATE, spread: float = 5.2) -> Claim:
+    """A late sensor with these values from each record."""
+    return Claim("sensor-lag:q", {"time_constant": Quantity(0.061, 0.002, "s")}, by_record=each_record(values), spread=spread)
+
+
 def test_headline_says_what_where_how_sure_and_what_follows() -> None:
-    assert headline(proven_tracing()) == (
-        "the angle of attack is read 0.061 s late (lag, delay or vane ahead: these records cannot tell); it comes out alike from each of 4 records "
-        "(0.058, 0.063, 0.060, 0.062 s) and cuts the error on records that were not fitted to 0.62 +- 0.05 of what it was; "
-        "Cm_q was -24.1 +- 0.9, is -17.2 +- 0.4 (run-to-run scatter 0.83); what remains is not noise"
+    told = headline(spread_tracing())
+    assert told.startswith(
+        "the angle of attack is read 0.061 s late (lag, delay or vane ahead: these records cannot tell); "
+        f"{SPREAD}; from each of 3 records: 0.058, 0.063, 0.060 s"
     )
+    assert told.endswith("Cm_q was -24.1 +- 0.9, is -17.2 +- 0.4 (run-to-run scatter 0.83); what remains is not noise")
 
 
-def test_values_of_their_own_are_not_said_to_be_alike() -> None:
-    own = replace(evidence_of((0.037, -0.021, 0.050), unit="rad/s2", parameter="slope"), own_values=True)
-    (told,) = evidence_sentences(Claim("sensor-drift:q", {"slope": Quantity(-0.021, 0.004, "rad/s2")}, evidence=own))
-    assert told.startswith("each of 3 records has a value of its own (") and "alike" not in told
+def test_a_claim_beside_noise_has_nothing_to_say_of_blocks_or_records() -> None:
+    assert evidence_sentences(Claim("x", {})) == []
+    assert evidence_sentences(Claim("x", {}, by_record=each_record())) == []
+    assert "blocks of a second" not in headline(tracing_of(Verdict.TRACED))
+
+
+def test_the_spread_and_the_values_of_each_record_are_told() -> None:
+    assert evidence_sentences(late()) == [SPREAD, "from each of 3 records: 0.058, 0.063, 0.060 s"]
+    assert evidence_sentences(replace(late(), by_record=())) == [SPREAD]
+    # Where the set without it could not be fitted there is no number to tell.
+    assert evidence_sentences(late(spread=math.inf)) == ["from each of 3 records: 0.058, 0.063, 0.060 s"]
+
+
+def test_values_that_differ_between_records_are_said_to() -> None:
+    """0.040 and 0.080, each to 0.004: they lie 5 sigmas on either side of their mean, so that the root of chi-squared is 7.1."""
+    assert apart_text(late()) == ""
+    told = apart_text(late((0.040, 0.080)))
+    assert told == "time_constant differs between them by 7.1 of their sigmas"
+    assert evidence_sentences(late((0.040, 0.080)))[1] == f"from each of 2 records: 0.040, 0.080 s, but {told}"
+    vague = tuple({"time_constant": Quantity(value, std, "s")} for value, std in ((0.06, np.inf), (0.5, 0.004)))
+    assert apart_text(replace(late(), by_record=vague)) == ""
+    assert apart_text(late((0.060,))) == "" == apart_text(Claim("x", {}))
 
 
 def test_turbulence_is_told_by_what_judged_it_and_not_by_a_free_simulation() -> None:
@@ -70,110 +101,65 @@ def test_a_group_is_told_by_its_members(name: str, others: tuple[str, ...], word
 
 
 def test_values_of_the_records_stand_with_their_unit_or_name() -> None:
-    assert by_record_text(evidence_of()) == "0.058, 0.063, 0.060, 0.062 s"
-    assert by_record_text(evidence_of((0.61, 0.62), unit="1", parameter="scale")) == "scale 0.610, 0.620"
-    assert by_record_text(evidence_of((0.01, 0.02), unit="rad", parameter="limit")) == "0.6, 1.1 deg"
-    assert by_record_text(replace(evidence_of(), by_record=())) == ""
-    many = Evidence(0.7, 0.05, ({name: Quantity(1.0, 0.1, "1") for name in "abc"},) * 3, {})
-    assert by_record_text(many) == ""
-    assert "alike" not in evidence_sentences(Claim("lift-nonlinearity", {}, evidence=many))[0]
-    assert evidence_sentences(Claim("x", {})) == []
-
-
-def test_a_joint_value_apart_from_the_records_is_not_called_alike() -> None:
-    def told(joint: float, std: float, values: tuple[float, ...] = LATE) -> str:
-        return evidence_sentences(Claim("sensor-lag:q", {"time_constant": Quantity(joint, std, "s")}, evidence=evidence_of(values)))[0]
-
-    assert told(0.061, 0.002).startswith("it comes out alike from each of 4 records")
-    assert told(0.075, 0.002).startswith(
-        "each of 4 records gives it (0.058, 0.063, 0.060, 0.062 s), but all fitted together give time_constant 0.075 +- 0.002 s, "
-        "their mean is 0.061 +- 0.002 s: the two do not agree; it cuts the error"
-    )
-    # Records that scatter leave their mean open, and so does a joint fit that is not sure.
-    assert "alike" in told(0.075, 0.002, (0.04, 0.08, 0.05, 0.09)) and "alike" in told(0.075, 0.01)
-    assert apart_text(Claim("x", {"time_constant": Quantity(0.5, 0.001, "s")}, evidence=evidence_of((0.06,)))) == ""
+    assert by_record_text(each_record()) == "0.058, 0.063, 0.060 s"
+    assert by_record_text(each_record((0.61, 0.62), "scale", "1")) == "scale 0.610, 0.620"
+    assert by_record_text(each_record((0.01, 0.02), "limit", "rad")) == "0.6, 1.1 deg"
+    assert by_record_text(()) == ""
+    many = ({name: Quantity(1.0, 0.1, "1") for name in "abc"},) * 3
+    assert by_record_text(many) == "", "numbers of a curve trade off"
 
 
 def test_header_says_what_a_sigma_holds() -> None:
-    plain, inflated = proven_tracing(), proven_tracing()
+    plain, inflated = spread_tracing(), spread_tracing()
     inflated = replace(inflated, diagnosis=replace(inflated.diagnosis, inflation={"Cm_q": 1.4}))
     assert SIGMA_NOTE not in diagnosis_text(plain) and diagnosis_text(inflated).count(SIGMA_NOTE) == 1
     content = json.loads(json_text(diagnosis_content(inflated, "")))
     assert content["growth"] == {"Cm_q": 1.4}
 
 
-def test_a_guard_that_helps_does_not_stand() -> None:
-    d = proven_tracing().diagnosis
-    guard = replace(d.candidates[-1], name="guard:damping-curve", remark="cross-validated")
-    assert weighed_rows(replace(d, candidates=(guard,)))[0][2] == "helps, but is no effect of the library"
-
-
-def test_what_was_asked_again_for_a_pair_stands_in_the_table_once() -> None:
-    d = proven_tracing().diagnosis
-    one = replace(d.candidates[-1], within=("sensor-scale:nz",), name="sensor-lag:q")
-    stands, beaten, alone = (
-        replace(one, remark="cross-validated"),
-        replace(one, remark="cross-validated, but another does better"),
-        replace(one, within=(), remark="no"),
-    )
-    for order in ((stands, beaten, alone), (alone, beaten, stands)):
-        rows = {row[0]: row[2] for row in weighed_rows(replace(d, candidates=order))}
-        assert rows == {"sensor-scale:nz + sensor-lag:q": "cross-validated", "sensor-lag:q": "no"}
-        assert len(weighed_rows(replace(d, candidates=order))) == 2
-
-
-def test_a_second_effect_is_measured_from_the_first() -> None:
-    alone, beside = evidence_of(), replace(evidence_of(), already_in_model=("vane-offset",))
-    (first,), (second,) = (evidence_sentences(Claim("x", {}, evidence=each)) for each in (alone, beside))
-    assert first.endswith("0.62 +- 0.05 of what it was") and second.endswith("0.62 +- 0.05 of what it is with vane-offset alone")
-
-
-def test_terminal_shows_scatter_beside_sigma_members_and_remarks() -> None:
-    text = diagnosis_text(proven_tracing())
+def test_terminal_shows_scatter_beside_sigma_and_members() -> None:
+    text = diagnosis_text(spread_tracing())
     assert text.isascii()
     (row,) = [line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" in line]
     assert row.split()[2:] == ["-24.1", "+-", "0.9", "-17.2", "+-", "0.4", "0.83", "+7.0", "sigma", "*"]
     (members,) = [line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" not in line]
     assert members.split()[2:] == ["-17.0", "+-", "0.4", "-18.0", "+-", "0.4", "-19.0", "+-", "0.4*"]
-    assert "the records give different values" in text
 
 
-def test_what_was_weighed_on_other_records_stands_by_what_it_leaves() -> None:
-    d = proven_tracing().diagnosis
-    better = replace(d.candidates[-1], name="sensor-scale:q", held_out_change=-0.2, remark="cross-validated")
-    beside = replace(better, within=("sensor-lag:alpha",), held_out_change=-0.3)
-    rows = weighed_rows(replace(d, candidates=(beside, *d.candidates, better)))
-    assert [row[:3] for row in rows] == [
-        ("sensor-scale:q", "-20.0 %", "cross-validated"),
-        ("sensor-scale:alpha", "+0.2 %", "the records give different values"),
-        ("sensor-lag:alpha + sensor-scale:q", "-30.0 %", "cross-validated"),
-    ]
-    assert weighed_rows(tracing_of(Verdict.TRACED).diagnosis) == []
+def test_a_candidate_has_its_gain_and_the_same_with_its_odds() -> None:
+    text = diagnosis_text(spread_tracing())
+    best, scale, vane, speed = spread_tracing().diagnosis.candidates[:1] + spread_tracing().diagnosis.candidates[2:]
+    assert candidate_row(best)[:4] == ("1", "sensor-lag:alpha", "420.0", "414.9")
+    assert candidate_row(scale)[2:] == ("3.1", "-2.0", "scale 1.010 +- 0.004", "")
+    assert candidate_row(vane)[4:] == ("", "linearised; like sensor-lag:alpha")
+    assert candidate_row(speed)[2:4] == ("-2.5", "-7.6")
+    assert "with odds" in text and "linearised" in text
+    assert candidate_row(replace(scale, within=("vane-offset",)))[1] == "vane-offset + sensor-scale:alpha"
 
 
-def test_json_has_evidence_scatter_and_remarks() -> None:
-    content = json.loads(json_text(diagnosis_content(proven_tracing(), "")))
+def test_json_has_spread_values_of_each_record_and_scatter() -> None:
+    content = json.loads(json_text(diagnosis_content(spread_tracing(), "")))
     (effect,) = content["effects"]
-    evidence = effect["evidence"]
-    assert (evidence["error_left"], evidence["error_left_std"]) == (0.62, 0.05)
-    assert evidence["records"] == ["record_1.csv", "record_2.csv", "record_3.csv", "validate.csv"]
-    assert [each["time_constant"]["value"] for each in evidence["by_record"]] == list(LATE)
-    assert all(each["time_constant"]["std"] > 0 for each in evidence["by_record"])
-    assert set(evidence["derivatives"]) == {effect["name"], *effect["alternatives"]}
-    assert evidence["derivatives"]["vane-offset"]["Cm_q"] == {"value": -19.0, "std": 0.4, "unit": "1/rad"}
-    assert effect["derivatives_under"] == evidence["derivatives"]
+    assert effect["spread"] == 5.2
+    assert list(effect["by_record"]) == ["record_1.csv", "record_2.csv", "record_3.csv"]
+    assert [each["time_constant"] for each in effect["by_record"].values()] == [{"value": value, "std": 0.004, "unit": "s"} for value in LATE]
+    assert set(effect["derivatives_under"]) == {effect["name"], *effect["alternatives"]}
+    assert effect["derivatives_under"]["vane-offset"]["Cm_q"] == {"value": -19.0, "std": 0.4, "unit": "1/rad"}
     assert content["scatter"] == {"Cm_q": 0.83, "CL_q": 2.0}
-    assert content["candidates"][-1]["remark"] == "the records give different values"
+    assert {"gain", "weight", "fitted"} < set(content["candidates"][-1]) and content["steps"][0]["log_evidence"] == 100.0
     plain = json.loads(json_text(diagnosis_content(tracing_of(Verdict.TRACED), "")))
-    assert (
-        plain["scatter"] == {}
-        and not {"evidence", "derivatives_under"} & set(plain["effects"][0])
-        and not any("remark" in c for c in plain["candidates"])
-    )
+    assert plain["scatter"] == {} and not {"spread", "by_record", "derivatives_under"} & set(plain["effects"][0])
+
+
+def test_the_page_has_a_section_on_the_spread_where_what_remains_is_not_noise() -> None:
+    page, plain = (page_html(diagnosis_page(tracing, [])) for tracing in (spread_tracing(), tracing_of(Verdict.TRACED)))
+    told = f"I{SPREAD[1:]}; from each of 3 records: 0.058, 0.063, 0.060 s."
+    assert told in page and REPLICATION_NOTE in unescape(page)
+    assert "Replication" not in plain
 
 
 def test_many_failed_tests_become_one_description_a_channel() -> None:
-    tracing = proven_tracing(coloured(4))
+    tracing = spread_tracing(coloured(4))
     assert len(tracing.diagnosis.warnings) == 12
     told = warnings_of(tracing)
     assert told[0] == "12 of 12 tests for whiteness fail in alpha, q, nz"
@@ -187,7 +173,7 @@ def test_many_failed_tests_become_one_description_a_channel() -> None:
 
 def test_few_failed_tests_are_told_as_they_are() -> None:
     tests = (*coloured(1)[:2], *coloured(2, 0.4))
-    tracing = proven_tracing(tests)
+    tracing = spread_tracing(tests)
     told = warnings_of(tracing)
     assert told[:2] == [caution.sentence for caution in tracing.diagnosis.warnings] and len(tracing.diagnosis.warnings) == 2
     assert [line.partition(":")[0] for line in told[2:]] == ["left in the angle of attack", "left in the pitch rate"]
@@ -206,23 +192,17 @@ def test_where_a_guard_leaves_noise_it_is_told_what_the_declared_model_leaves() 
 
 
 def test_members_are_compared_only_where_there_are_some() -> None:
-    d: Diagnosis = proven_tracing().diagnosis
+    d: Diagnosis = spread_tracing().diagnosis
     rows = member_derivatives(d.effects[0], d.after)
     assert rows == [("Cm_q", "1/rad", "-17.0 +- 0.4", "-18.0 +- 0.4", "-19.0 +- 0.4*")]  # two of both sigmas are 1.1
-    alone = Claim("x", {}, derivatives_under=evidence_of(LATE, "x").derivatives)
+    alone = Claim("x", {}, derivatives_under={"x": {"Cm_q": Quantity(-17.0, 0.4, "1/rad")}})
     assert member_derivatives(alone, d.after) == [] == member_derivatives(Claim("x", {}), d.after)
 
 
 def test_residuals_beyond_all_measure_are_still_described() -> None:
-    tracing = proven_tracing(coloured(4))
+    tracing = spread_tracing(coloured(4))
     item = tracing.diagnosis.fitted[0]
     after = item.after.copy()
     after[0, 5:9] = np.inf, -np.inf, np.nan, 1e200
     broken = replace(tracing, diagnosis=replace(tracing.diagnosis, fitted=(replace(item, after=after),)))
     assert not any("nan" in line for line in warnings_of(broken))
-
-
-def test_a_simulation_that_runs_away_is_tenfold_and_more() -> None:
-    candidate = proven_tracing().diagnosis.candidates[0]
-    shown = [candidate_row(replace(candidate, held_out_change=share))[4] for share in (None, -0.293, 0.05, 8.99, 9.0, 1e54)]
-    assert shown == ["-", "-29.3 %", "+5.0 %", "+899.0 %", "over +900 %", "over +900 %"]

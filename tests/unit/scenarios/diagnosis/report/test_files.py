@@ -26,7 +26,7 @@ from scenarios.pages.folder import rebuilt
 from scenarios.plots.formats import USUAL
 from scenarios.plots.page.named import gathered
 from scenarios.plots.tracing.reasons import Standing
-from tests.diagnoses import BALLISTIC, LOES, proven_tracing, tracing_of
+from tests.diagnoses import BALLISTIC, LOES, spread_tracing, tracing_of
 
 FIGURES = {"held_out.png", "residuals.png", "evidence.png", "derivatives.png", "spectra.png"}
 
@@ -251,10 +251,10 @@ def test_handover_to_the_process_loses_nothing(tmp_path: Path) -> None:
 
 
 def test_replication_is_drawn_where_there_is_some_and_the_handover_keeps_it(tmp_path: Path) -> None:
-    picture = pictured(proven_tracing())
+    picture = pictured(spread_tracing())
     (shown,) = picture.replicated
-    assert shown.name == "sensor-lag:alpha" and shown.records == ("record_1.csv", "record_2.csv", "record_3.csv", "validate.csv")
-    assert [each["time_constant"].value for each in shown.by_record] == [0.058, 0.063, 0.060, 0.062]
+    assert shown.name == "sensor-lag:alpha" and shown.records == ("record_1.csv", "record_2.csv", "record_3.csv")
+    assert [each["time_constant"].value for each in shown.by_record] == [0.058, 0.063, 0.060]
     (again,) = unpacked(packed(picture, tmp_path))[0].replicated
     assert (again.name, again.records, again.by_record, again.together) == (shown.name, shown.records, shown.by_record, shown.together)
     draw_diagnosis(replace(picture, predictions=(), fitted=(), candidates=(), before={}), tmp_path, ())

@@ -10,7 +10,6 @@ from dataclasses import replace
 import pytest
 
 from ident.tracing.diagnosis import Claim, Verdict
-from ident.tracing.name_probability import SOMETHING_ELSE
 from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.page import diagnosis_page
 from scenarios.diagnosis.report.probabilities import probability_sentence, shown_probability
@@ -21,32 +20,32 @@ from scenarios.pages.rendering import page_html
 from tests.diagnoses import tracing_of
 
 LAG, DELAY = "sensor-lag:q", "sensor-delay:q"
-FOUND = {LAG: 0.9284, SOMETHING_ELSE: 0.0192, "sensor-scale:q": 0.0039, DELAY: 0.0485}
+FOUND = {DELAY: 0.0485, "sensor-scale:q": 0.0039, "vane-offset": 0.0192, LAG: 0.9284}
 
 
 def claim_of(probability: Mapping[str, float]) -> Claim:
     return Claim(LAG, {}, probability=probability)
 
 
-def test_the_name_comes_first_then_the_likeliest_and_something_else_last_without_what_rounds_to_nothing() -> None:
+def test_the_name_comes_first_then_the_likeliest_without_what_rounds_to_nothing() -> None:
     assert list(shown_probability(claim_of({**FOUND, "a": 0.005, "b": 0.0049})).items()) == [
         (LAG, 0.928),
         (DELAY, 0.049),
+        ("vane-offset", 0.019),
         ("a", 0.005),
-        (SOMETHING_ELSE, 0.019),
     ]
 
 
 @pytest.mark.parametrize(
     ("probability", "words"),
     [
-        (FOUND, "Probability that this is its name: 93 %; sensor-delay:q 5 %, something else 2 %"),
+        (FOUND, "Probability that this is its name: 93 %; sensor-delay:q 5 %, vane-offset 2 %"),
         ({LAG: 1.0}, "Probability that this is its name: above 99 %"),
-        ({LAG: 0.9931, SOMETHING_ELSE: 0.0069}, "Probability that this is its name: 99 %; something else 1 %"),
-        ({LAG: 0.9946, SOMETHING_ELSE: 0.0054}, "Probability that this is its name: 99 %; something else 1 %"),
-        ({LAG: 0.001, DELAY: 0.989, SOMETHING_ELSE: 0.01}, "Probability that this is its name: below 1 %; sensor-delay:q 99 %, something else 1 %"),
+        ({LAG: 0.9931, DELAY: 0.0069}, "Probability that this is its name: 99 %; sensor-delay:q 1 %"),
+        ({LAG: 0.9946, DELAY: 0.0054}, "Probability that this is its name: 99 %; sensor-delay:q 1 %"),
+        ({LAG: 0.001, DELAY: 0.989, "a": 0.01}, "Probability that this is its name: below 1 %; sensor-delay:q 99 %, a 1 %"),
         ({}, ""),
-        ({LAG: math.nan, SOMETHING_ELSE: math.nan}, ""),
+        ({LAG: math.nan, DELAY: math.nan}, ""),
     ],
 )
 def test_the_line_for_readers(probability: Mapping[str, float], words: str) -> None:
@@ -64,12 +63,12 @@ def told(probability: Mapping[str, float]) -> Tracing:
 def test_the_file_has_the_numbers_and_nothing_where_nothing_was_weighed() -> None:
     tracing = told({**FOUND, "odd": math.nan})
     effects = json.loads(json_text(diagnosis_content(tracing, "")))["effects"]
-    assert effects[0]["probability"] == {tracing.diagnosis.effects[0].name: 0.928, DELAY: 0.049, SOMETHING_ELSE: 0.019}
+    assert effects[0]["probability"] == {tracing.diagnosis.effects[0].name: 0.928, DELAY: 0.049, "vane-offset": 0.019}
     assert "probability" not in diagnosis_content(told({}), "")["effects"][0]
 
 
 def test_text_and_page_say_it_below_the_claim() -> None:
-    words = "Probability that this is its name: 93 %; sensor-delay:q 5 %, something else 2 %"
+    words = "Probability that this is its name: 93 %; sensor-delay:q 5 %, vane-offset 2 %"
     tracing, plain = told(FOUND), told({})
     lines = diagnosis_text(tracing).splitlines()
     name = tracing.diagnosis.effects[0].name

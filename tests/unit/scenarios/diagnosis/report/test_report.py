@@ -14,7 +14,7 @@ from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.diagnosis.report.page import diagnosis_page
 from scenarios.diagnosis.report.pictures.figures import captioned
 from scenarios.pages.rendering import page_html
-from tests.diagnoses import RIGID, proven_tracing, tracing_of
+from tests.diagnoses import RIGID, spread_tracing, tracing_of
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 SCRIPTS = 1  # the page's own
@@ -83,14 +83,15 @@ def test_names_from_files_are_text_and_no_markup() -> None:
     assert text.count("<script") == SCRIPTS
 
 
-def test_page_of_a_partial_verdict_shows_what_replicates_and_what_was_weighed() -> None:
-    tracing = replace(proven_tracing(), kinematics=Kinematics((), None, "no record measures <alpha> and q together"))
+def test_page_of_a_partial_verdict_shows_how_the_evidence_is_spread_and_what_was_weighed() -> None:
+    tracing = replace(spread_tracing(), kinematics=Kinematics((), None, "no record measures <alpha> and q together"))
     text = page_html(diagnosis_page(tracing, [], captioned({"replication": "<svg></svg>"})))
     page = Page(text)
     words = " ".join(page.text.split())
-    assert "Replication sensor-lag:alpha: It comes out alike from each of 4 records (0.058, 0.063, 0.060, 0.062 s)" in words
+    spread = "Its log evidence is 5.2 times the scatter of that between blocks of a second; from each of 3 records: 0.058, 0.063, 0.060 s."
+    assert f"Replication sensor-lag:alpha: {spread}" in words
     assert "run-to-run" in words and "0.83" in words and "Under each member of the group" in words
-    assert "the records give different values" in words
+    assert "with odds" in words and "linearised" in words
     assert "Kinematics alone No record measures <alpha> and q together." in words
     # The figure stands in its section, once.
     places = [text.index(mark) for mark in ('<h2 id="replication-title', 'id="figure-replication"', '<h2 id="simulation-error')]
