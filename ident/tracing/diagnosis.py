@@ -32,7 +32,7 @@ class Verdict(Enum):
 _SENTENCES = {
     Verdict.CONSISTENT: "the residual is what the noise alone would give: nothing is missing",
     Verdict.TRACED: "the effects listed explain what was missing: what remains is noise, also on data that were not fitted",
-    Verdict.PARTIAL: "the evidence for the effects listed is spread over the records, but what remains is not noise",
+    Verdict.PARTIAL: "the records need the effects listed, but what remains is not noise",
     Verdict.AMBIGUOUS: "an effect is needed, but these data cannot tell it from its alternatives",
     Verdict.UNEXPLAINED: "something is missing, and no effect of the library can be named as its cause",
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -164,8 +164,9 @@ def _judged(
     best, verdict = found.best, found.verdict
     tests = residual_tests(best, out)
     gains = predictive_gains(found.less, best, held, out) if found.named else ()
-    claims = [_claim(best, each, gains, claimed=True) for each in found.named]
-    claims += [_claim(best, each, (), claimed=False) for each in found.hints]
+    guards = problem.guards
+    claims = [_claim(best, each, gains, guards, claimed=True) for each in found.named]
+    claims += [_claim(best, each, (), guards, claimed=False) for each in found.hints]
     claims = [claim for claim in claims if claim.name not in problem.guards]
     cautions = _of_guards(problem, found)
     left = not_noise(tests.all, NOISE)
@@ -201,11 +202,20 @@ def _no_improvement(raised: float) -> Caution:
     return Caution(Concern.NO_IMPROVEMENT, what, requirement=requirement)
 
 
-def _claim(best: FittedModel, named: Named, gains: Sequence[float], *, claimed: bool) -> Claim:
+def _claim(
+    best: FittedModel,
+    named: Named,
+    gains: Sequence[float],
+    guards: Collection[str],
+    *,
+    claimed: bool,
+) -> Claim:
+    """A claim, or a hint, with its numbers and the likely effects that could take its place."""
     (effect,) = [each for each in best.effects if each.name == named.name]
     likely = sorted(named.alternatives.items(), key=lambda item: -item[1])
     equal = effect.traits.equivalents
-    others = [name for name, share in likely if share > LIKELY or name in equal][:ALTERNATIVES]
+    rivals = [name for name, share in likely if share > LIKELY or name in equal]
+    others = [name for name in rivals if name not in guards][:ALTERNATIVES]
     told = {named.name: named.probability, **{name: named.alternatives[name] for name in others}}
     random = isinstance(effect, NoiseEffect)
     return Claim(

@@ -115,12 +115,18 @@ def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
     """
     problem, best = search.problem, search.best()
     quiet = is_noise(best.fitted)
-    if discrepancy is None or (quiet and not search.added(best)):
+    if quiet and not search.added(best):
+        return _by_sets(search, best)
+    if problem.guards & best.names or (discrepancy is None and not quiet):
+        general = _with_general_forms(search)
+        if general is not None:
+            return general
+    if discrepancy is None:
         return _by_sets(search, best) if quiet else _undecided(search, best)
     base = (discrepancy, *best.fitted.background)
     near = Search(problem, search.candidates, base, title="a model discrepancy")
     supported = _supported(near, best)
-    if quiet and best.weight >= near.best().weight:
+    if best.weight >= near.best().weight:
         return _by_sets(search, best)
     small = _beside_small_discrepancy(search, near, best, supported, exact=quiet)
     if small is not None:
@@ -132,11 +138,20 @@ def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
     beside = _beside_discrepancy(search, steady, spread_search(steady))
     if beside.verdict is not Verdict.UNEXPLAINED:
         return beside
-    general = Search(problem, problem.candidates, title="white noise, general forms as well").run()
+    return _with_general_forms(search) or beside
+
+
+def _with_general_forms(search: Search) -> Decision | None:
+    """The decision with general forms among the candidates; None where they do not leave noise."""
+    problem = search.problem
+    if len(problem.candidates) == len(search.candidates):
+        return None
+    offered = [each for each in problem.candidates if not each.traits.guard]
+    general = Search(problem, offered, title="white noise, general forms as well").run()
     best = general.best()
-    if is_noise(best.fitted):
-        return _by_sets(general, best)
-    return beside
+    if not is_noise(best.fitted):
+        return None
+    return replace(_by_sets(general, best), searches=(search, general))
 
 
 def _is_cause(effect: Traceable, found: Weighed, interval: float) -> bool:
@@ -181,15 +196,18 @@ def _alike(
     """Effects that the records do not tell from a member, with their probabilities."""
     rest = best.names - {effect.name}
     found: dict[str, float] = {}
+    equal: set[str] = set()
     for key, share in sets.items():
         new = key - rest
         if effect.name in key or len(new) != 1 or not rest <= key:
             continue
         (name,) = new
-        told = search.alike.get(frozenset((name, effect.name)), 0.0) > ALIKE
-        if told or name in (*effect.traits.equivalents, *effect.traits.twins, *effect.aliases):
+        alike = search.alike.get(frozenset((name, effect.name)), 0.0) > ALIKE
+        if alike or name in (*effect.traits.equivalents, *effect.traits.twins, *effect.aliases):
             found[name] = found.get(name, 0.0) + share
-    equal = effect.traits.equivalents
+        apart = abs(search.visited[key].fitted.fit.cost - best.fitted.fit.cost)
+        if name in effect.traits.equivalents and apart < RIVAL:
+            equal.add(name)  # to the data: priors alone tell the two apart
     least = 0.05 * (1.0 - CERTAIN)
     return {name: share for name, share in found.items() if share > least or name in equal}
 
