@@ -12,7 +12,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Candidate, Step, Verdict
 from ident.tracing.evidence.evidence import Key, Weighed
-from ident.tracing.evidence.search import ALIKE, Search, together
+from ident.tracing.evidence.search import ALIKE, SWAPS, Search, together
 from ident.tracing.evidence.steady_search import is_steady, spread_search, surely_needed, vuong
 from ident.tracing.validation.whiteness import whiteness
 from sim.declaration.effect import full_name
@@ -22,7 +22,6 @@ CERTAIN = 0.95  # probability of what is claimed
 NOISE = 1e-4  # p-value of a residual test below which a residual is no noise
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
 SUPPORTED = 3.0  # z of an effect beside a discrepancy of no consequence
-SWAPS = 3  # effects that look like a member and are compared with it beside a discrepancy
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 BESIDE_GUARD = "it is found beside a term that no effect of the library has"
 

@@ -8,7 +8,7 @@ the posterior.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -40,8 +40,8 @@ from sim.errors import ModelError
 
 ROUNDS = 6
 LEADERS = 4  # single effects that a round fits; half as many sets of each larger size
+SWAPS = 3  # effects that look like a member and are fitted in its place
 SINGLES = 3  # single effects beside which others are looked for
-FINER = 2  # leading sets that are tried in the finer forms of their effects
 SHARES = (1.0, 0.3, 0.1)  # of a step of the linear world, in turn, until a fit begun there improves
 IMPROVES = 0.3  # of what the linear world promises
 SHIFTS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # s, by which an event is moved to look for its time
@@ -85,7 +85,8 @@ class Search:
     base : what stands in every set and is never named, such as a model discrepancy.
     title : the noise, in words.
     visited : the fitted sets by the names of their effects, ``base`` included.
-    expanded : sets at which all candidates were scanned. refined : those tried in finer forms.
+    expanded : sets at which all candidates were scanned. refined : sets tried in
+    finer forms, by their parameters.
     steps, tried : how the search went.
     alike : of pairs of names, the largest cosine of what they would add. fits : how many were made.
     shown : signatures of all candidates as last simulated; at a set beside the leading one they
@@ -232,30 +233,55 @@ class Search:
             if self.best().names not in self.expanded:
                 self.expand(self.best())
             self._in_finer_forms()
+        self._with_look_alikes()
         self._with_equivalents()
         return self
 
     def _in_finer_forms(self) -> None:
-        """Leading sets with the finer forms of their effects, each kept where it is likelier."""
-        guards = self.problem.guards
-        named = [item for item in self.visited.items() if not item[0] & guards]
-        for key, one in sorted(named, key=lambda item: -item[1].weight)[:FINER]:
-            forms = [
-                each.finer() if isinstance(each, Refinable) else each for each in one.fitted.effects
-            ]
-            if key in self.refined or forms == list(one.fitted.effects) or self.spent:
-                continue
-            self.refined.add(key)
-            known = {*one.fitted.values.shared, *one.fitted.values.own[0]}
-            absent = {
-                full_name(each, local): value
-                for each in forms
-                for local, value in each.absent.items()
-                if full_name(each, local) not in known
+        """The leading set of each size in finer forms of its effects, where that is likelier."""
+        leading: dict[int, tuple[Key, Weighed]] = {}
+        for key, one in self.visited.items():
+            best = leading.get(len(key))
+            if not key & self.problem.guards and (best is None or one.weight > best[1].weight):
+                leading[len(key)] = (key, one)
+        for _, one in [*leading.values()]:
+            while (finer := self._finer(one)) is not None and finer.weight > one.weight:
+                one = finer
+
+    def _finer(self, one: Weighed) -> Weighed | None:
+        """A set with the finer forms of its effects; None where there are none."""
+        fitted = one.fitted
+        forms = [each.finer() if isinstance(each, Refinable) else each for each in fitted.effects]
+        names = frozenset(full_name(each, item.name) for each in forms for item in each.parameters)
+        if forms == list(fitted.effects) or names in self.refined or self.spent:
+            return None
+        self.refined.add(names)
+        known = {*fitted.values.shared, *fitted.values.own[0]}
+        absent = {
+            full_name(each, local): value
+            for each in forms
+            for local, value in each.absent.items()
+            if full_name(each, local) not in known
+        }
+        other = self.fit(forms, fitted, [absent] * len(fitted.values.own))
+        return None if other is None else self.kept(other)
+
+    def _with_look_alikes(self) -> None:
+        """The best set with each effect that looks like a member in its place."""
+        best = self.best()
+        for effect in [each for each in best.fitted.effects if each.name in self.added(best)]:
+            less = self.visited.get(best.names - {effect.name})
+            wanted = {
+                name
+                for name in (*self._looks_like(effect.name), *effect.traits.twins)
+                if best.names - {effect.name} | {name} not in self.visited
             }
-            fitted = self.fit(forms, one.fitted, [absent] * len(one.fitted.values.own))
-            if fitted is not None:
-                self.kept(fitted)
+            if not wanted:
+                continue
+            less = less or self.without(best, effect.name)
+            if less is not None:
+                for proposed in self._proposed(less, 1, 0, wanted)[:SWAPS]:
+                    self.child(less, proposed)
 
     def _with_equivalents(self) -> None:
         """The best set with each effect that no record tells from a member in its place."""
@@ -342,8 +368,13 @@ class Search:
         pairs = [key for key, cosine in self.alike.items() if name in key and cosine > ALIKE]
         return tuple(sorted(other for key in pairs for other in key - {name}))
 
-    def _proposed(self, parent: Weighed, deeper: int, most: int) -> list[LinearSet]:
-        """The weightiest single leads, and larger sets that promise more than any smaller one."""
+    def _proposed(
+        self, parent: Weighed, deeper: int, most: int, wanted: Collection[str] = ()
+    ) -> list[LinearSet]:
+        """The weightiest single leads, and larger sets that promise more than any smaller one.
+
+        With ``most`` zero single leads of ``wanted`` names alone.
+        """
         ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
         if most == LEADERS or not self.shown:
             self.shown |= shown_by(parent.fitted, self.candidates, self.context)
@@ -368,6 +399,11 @@ class Search:
                 number, within, name, one.gain, one.weight, False, {}, self._looks_like(name)
             )
             self.tried.append(told)
+        if not most:
+            alone = {one.leads[0].effect.name: one for one in reversed(sets) if len(one.leads) == 1}
+            return sorted(
+                (alone[name] for name in wanted if name in alone), key=lambda one: -one.weight
+            )
         chosen: list[LinearSet] = []
         bar = 0.0
         for size in range(1, deeper + 1):
