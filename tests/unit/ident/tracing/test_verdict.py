@@ -13,6 +13,7 @@ from ident.tracing.evidence.decision import CERTAIN
 from ident.tracing.loop import diagnose
 from ident.tracing.validation.held_out import HeldOut, held_out
 from ident.tracing.verdict import not_noise, residual_tests
+from sim.declaration.proposal import Traceable
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.record import Record
@@ -80,7 +81,7 @@ def test_effects_that_worsen_held_out_data_are_not_claimed() -> None:
 
 
 def test_a_search_that_ends_at_its_means_says_so_and_a_set_is_no_larger_than_was_asked_for() -> None:
-    both = [SensorLag("q"), SensorScale("nz")]
+    both: list[Traceable] = [SensorLag("q"), SensorScale("nz")]
     record = planted(both, {**LAG, "sensor-scale:nz.scale": 1.15}, 1)
     found = {
         depth: diagnose([record], declared(), both, (), (), replace(SETTINGS, depth=depth, budget=budget))
