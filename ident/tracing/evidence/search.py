@@ -89,8 +89,7 @@ class Search:
     finer forms, by their parameters.
     steps, tried : how the search went.
     alike : of pairs of names, the largest cosine of what they would add. fits : how many were made.
-    shown : signatures of all candidates as last simulated; at a set beside the leading one they
-        serve again.
+    shown : signatures of all candidates as last simulated.
 
     Raises
     ------
@@ -376,7 +375,7 @@ class Search:
         With ``most`` zero single leads of ``wanted`` names alone.
         """
         ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
-        if most == LEADERS or not self.shown:
+        if most or not self.shown:
             self.shown |= shown_by(parent.fitted, self.candidates, self.context)
         leads = [
             lead

@@ -7,8 +7,8 @@ import pytest
 
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
-from ident.tracing.evidence.decision import decided
-from ident.tracing.evidence.loop import diagnose_by_evidence
+from ident.tracing.evidence.decision import decided, searched
+from ident.tracing.loop import diagnose
 from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for
 from sim.effects.model_discrepancy import discrepancy_for
@@ -67,7 +67,7 @@ def test_beside_a_discrepancy_what_acts_all_along_is_named() -> None:
             record = with_output(record, name, channel.values + error)
         records.append(record)
     problem = offered(records)
-    found = decided(problem, discrepancy_for(effects_for(declared().equations)))
+    found = decided(searched(problem), discrepancy_for(effects_for(declared().equations)))
     assert found.verdict is Verdict.PARTIAL
     assert [each.name for each in found.named] == [ARM]
     assert found.named[0].spread is not None and found.named[0].spread > 3.5
@@ -89,7 +89,7 @@ def test_the_loop_reports_what_is_decided() -> None:
     records = [planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=7)]
     validation = [planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=8)]
     problem = offered(records)
-    told = diagnose_by_evidence(records, problem.model, problem.candidates, (), validation)
+    told = diagnose(records, problem.model, problem.candidates, (), validation)
     (claim,) = told.effects
     assert told.verdict is Verdict.TRACED
     assert claim.name == LATE
