@@ -53,7 +53,7 @@ def least(act: Callable[[], object], runs: int) -> float:
 
 def main() -> None:
     from ident.tracing.evidence.priors import set_prior
-    from ident.tracing.evidence.scan import prepared, scan
+    from ident.tracing.evidence.scan import leads_of, prepared, shown_by
     from ident.tracing.screening.context import search_context
     from scenarios.diagnosis.candidates import candidates_for
 
@@ -68,8 +68,8 @@ def main() -> None:
         ready = prepared(fitted, prior)
         named, instances = ([c for c in every if c.traits.general is wanted] for wanted in (False, True))
         first = least(lambda f=fitted, p=prior: prepared(f, p), runs)
-        known = least(lambda f=fitted, r=ready, e=named, c=context: scan(f, r, e, c), runs)
-        general = least(lambda f=fitted, r=ready, e=instances, c=context: scan(f, r, e, c), runs)
+        known = least(lambda f=fitted, r=ready, e=named, c=context: leads_of(f, r, [*shown_by(f, e, c).values()], c), runs)
+        general = least(lambda f=fitted, r=ready, e=instances, c=context: leads_of(f, r, [*shown_by(f, e, c).values()], c), runs)
         counts = f"{len(problem.records[0]):7}  {first:11.1f}  {len(named):5}  {known:8.0f}  {len(instances):9}"
         print(f"{kind:12}  {counts}  {general:8.1f}  {general / len(instances):7.2f}")
 
