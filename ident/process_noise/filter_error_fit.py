@@ -44,7 +44,7 @@ def fit_with_process_noise(layout: FitLayout, guesses: list[np.ndarray] | None =
         levels = {**dict(zip(layout.system.output_names, noise.tolist(), strict=True)), SCALE: factor}
     present = [name for name, used in zip(layout.system.output_names, layout.used, strict=True) if used]
     noise_model = process_noise(layout.system, {**dict.fromkeys(layout.system.output_names, 1.0), **levels}, present, scale=levels.get(SCALE, 1.0))
-    return fit_whole_records(FitProblem(layout, noise_model), guesses)
+    return fit_whole_records(FitProblem(layout, replace(noise_model, quick=layout.settings.quick)), guesses)
 
 
 def _amplitudes(layout: FitLayout) -> dict[int, float]:

@@ -46,7 +46,7 @@ class ProcessNoise:
 
     ``estimated`` are positions of the outputs whose level is an unknown, started at ``std``. ``scale`` multiplies the standard
     deviation of process noise declared on states, and is an unknown where ``scaled``. Sensors with memory are taken as
-    without it by the filter: their lag acts on the deterministic part only.
+    without it by the filter: their lag acts on the deterministic part only. ``quick`` : slopes of the gains by what sets the noise alone.
     """
 
     outputs: tuple[str, ...]
@@ -54,6 +54,7 @@ class ProcessNoise:
     estimated: tuple[int, ...]
     scale: float = 1.0
     scaled: bool = False
+    quick: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -109,6 +110,9 @@ class ProcessNoise:
         by_variance[np.arange(len(estimated)), estimated] = 2.0 * std[estimated]
         acting = [q for q, index in enumerate(layout.order) if not layout.system.parameters.items[index].name.startswith("bias_")]
         for r, (problem, line, filter) in enumerate(zip(layout.problems, lines, filters_of(weighted), strict=True)):
+            if self.quick:
+                setting = set(self.setting_noise(layout, theta).tolist())
+                acting = [q for q in acting if int(layout.columns(r)[q]) in setting]
             at = Variation(layout.split(theta, r)[0], scale)
             pairs = slope_pairs(at, [layout.order[q] for q in acting], (problem.increment[acting] / INCREMENT).tolist(), self.scaled)
             slopes = noise_slopes(problem, line.states, at, pairs)

@@ -86,7 +86,7 @@ def diagnose(
     if any(not np.array_equal(a, b) for a, b in zip(masks, problem.masks, strict=True)):
         problem = problem.with_masks(masks)
         root = problem.fit((), root) or root
-        search = searched(problem)
+        search = search.again(problem)
     watch.stage("spikes")
     found = decided(search, discrepancy)
     watch.stage("discrepancy")

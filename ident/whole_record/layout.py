@@ -31,6 +31,7 @@ class FitSettings:
     use_priors : add the Gaussian priors of parameters and initial states to the cost.
     coloured : correct the covariance for residuals that are not white.
     enough : the fit also ends when a step lowers the cost by less than this: for comparing models it need not be lower.
+    quick : leave out how derivatives move the gains of a filter with process noise: for comparing models, its optimum hardly moves.
     exact : derivatives by complex steps; ten times dearer than differences, which are good to a millionth.
     least_damping : of a step where noise levels are unknowns: less is of no use there and would have to be undone after a step too far. Only
         a motion that grows needs less: what its records know best they know by e^15 better than the rest.
@@ -42,6 +43,7 @@ class FitSettings:
     use_priors: bool = False
     coloured: bool = True
     enough: float = 0.0
+    quick: bool = False
     exact: bool = False
     least_damping: float = 1e-4
 

@@ -62,7 +62,7 @@ class TraceProblem:
     @property
     def roughly(self) -> FitSettings:
         """How a set is fitted that is only compared: twice the step moves no output of an aircraft by a hundredth of its noise."""
-        return FitSettings(max_step=2.0 * self.settings.max_step, iterations=14, tolerance=0.03, enough=0.2)
+        return FitSettings(max_step=2.0 * self.settings.max_step, iterations=14, tolerance=0.03, enough=0.2, quick=True)
 
     def fit(
         self, effects: Sequence[Traceable], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False

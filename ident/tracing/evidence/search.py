@@ -33,7 +33,6 @@ from ident.tracing.evidence.scan import Lead, Shown, leads_of, prepared, shown_b
 from ident.tracing.evidence.set_search import LinearSet, weighed_sets
 from ident.tracing.screening.context import search_context
 from ident.tracing.validation.whiteness import is_white
-from ident.whole_record.layout import FitSettings
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Edged, Refinable, SearchContext, Traceable
 from sim.errors import ModelError
@@ -48,7 +47,6 @@ SHIFTS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # s, by which an event is moved to look fo
 EDGES = (16, 4, 1)  # times the width of its edges meanwhile
 ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
 LEAST_NOISE = 0.3  # of the noise that high frequencies show: logged signals are filtered
-FIRST = 5  # iterations of a fit of rough air, after which it has to have brought its prior odds
 PROCESS_NOISE_OFFERED = 1e-2  # p-value of a white residual above which rough air is not tried
 
 
@@ -164,7 +162,6 @@ class Search:
         parent: FittedModel,
         added: Sequence[Mapping[str, float]] = (),
         values: Values | None = None,
-        settings: FitSettings | None = None,
     ) -> FittedModel | None:
         """A set fitted roughly from the values of another, ``added`` new ones of each record."""
         values = values or parent.values
@@ -175,8 +172,7 @@ class Search:
         if levels is not None and self.base:
             levels = {name: max(std, self.floor.get(name, 0.0)) for name, std in levels.items()}
         start = Start(Values({**shared, **values.shared}, own, values.states), {}, levels)
-        settings = settings or self.problem.roughly
-        return fit_set(self.problem.data, tuple(effects), settings, start)
+        return fit_set(self.problem.data, tuple(effects), self.problem.roughly, start)
 
     def child(self, parent: Weighed, proposed: LinearSet) -> Weighed | None:
         """The parent's set with the leads of a proposed one.
@@ -235,6 +231,22 @@ class Search:
         self._with_look_alikes()
         self._with_equivalents()
         return self
+
+    def again(self, problem: TraceProblem) -> Search:
+        """The same search where other samples count.
+
+        Its leading sets are fitted anew, and candidates are scanned at the best of them.
+        """
+        other = Search(problem, self.candidates, self.base, title=self.title)
+        other.alike, other.steps, other.tried = dict(self.alike), [*self.steps], [*self.tried]
+        found = [other.root]
+        leading = sorted(self.visited.values(), key=lambda one: -one.weight)[: 2 * LEADERS]
+        for one in leading:
+            fitted = other.fit(one.fitted.effects, one.fitted) if self.added(one) else None
+            if fitted is not None:
+                found.append(other.kept(fitted))
+        other.expanded = self.expanded & {one.names for one in found} - {other.best().names}
+        return other.run()
 
     def _in_finer_forms(self) -> None:
         """The leading set of each size in finer forms of its effects, where that is likelier."""
@@ -425,12 +437,7 @@ class Search:
                 continue
             if effect.name not in parent.names:
                 effects = (*parent.fitted.effects, effect)
-                short = replace(self.problem.roughly, iterations=FIRST)
-                begun = self.fit(effects, parent.fitted, settings=short)
-                cost = -log_odds([effect], self.families)
-                if begun is None or parent.fitted.fit.cost - begun.fit.cost < cost:
-                    continue
-                fitted = self.fit(effects, begun)
+                fitted = self.fit(effects, parent.fitted)
                 if fitted is not None:
                     made.append(self.kept(fitted))
         return made
