@@ -116,17 +116,16 @@ def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
     quiet = is_noise(best.fitted)
     if quiet and not search.added(best):
         return _by_sets(search, best)
-    if problem.guards & best.names or (discrepancy is None and not quiet):
-        general = _with_general_forms(search)
-        if general is not None:
-            return general
+    guarded = bool(problem.guards & best.names)
     if discrepancy is None:
-        return _by_sets(search, best) if quiet else _undecided(search, best)
+        general = _with_general_forms(search) if guarded or not quiet else None
+        return general or (_by_sets(search, best) if quiet else _undecided(search, best))
     base = (discrepancy, *best.fitted.background)
     near = Search(problem, search.candidates, base, title="a model discrepancy")
     supported = _supported(near, best)
     if best.weight >= near.best().weight:
-        return _by_sets(search, best)
+        general = _with_general_forms(search) if guarded else None
+        return general or _by_sets(search, best)
     small = _beside_small_discrepancy(search, near, best, supported, exact=quiet)
     if small is not None:
         return small
@@ -135,7 +134,8 @@ def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
     acting = [each for each in problem.candidates if is_steady(each)]
     steady = Search(problem, acting, base, title="a model discrepancy")
     beside = _beside_discrepancy(search, steady, spread_search(steady))
-    if beside.verdict is not Verdict.UNEXPLAINED:
+    forms = {each.name for each in problem.candidates if each.traits.general}
+    if beside.named and not forms & {each.name for each in beside.named}:
         return beside
     return _with_general_forms(search) or beside
 
@@ -167,12 +167,12 @@ def _total(named: Named) -> float:
 
 
 def _by_sets(search: Search, best: Weighed) -> Decision:
-    """Under white noise: what is certain, where it leaves noise; else the best set, by groups."""
+    """Under white noise: what is certain, unless more leaves noise; else the best set, by groups."""
     sets = probabilities(search)
     inclusion = inclusion_of(sets)
     certain = frozenset(name for name in best.names if inclusion[name] >= CERTAIN)
     enough = search.visited.get(certain)
-    if enough is not None and is_noise(enough.fitted):
+    if enough is not None and (is_noise(enough.fitted) or not is_noise(best.fitted)):
         best = enough
     named = [
         Named(effect.name, inclusion[effect.name], _alike(search, best, effect, sets))
