@@ -15,7 +15,7 @@ from ident.tracing.evidence.evidence import Key, Weighed
 from ident.tracing.evidence.search import ALIKE, SWAPS, Search, together
 from ident.tracing.evidence.steady_search import is_steady, spread_search, surely_needed, vuong
 from ident.tracing.validation.whiteness import whiteness
-from sim.declaration.effect import full_name
+from sim.declaration.effect import Station, full_name
 from sim.declaration.proposal import Traceable
 
 CERTAIN = 0.95  # probability of what is claimed
@@ -23,6 +23,7 @@ NOISE = 1e-4  # p-value of a residual test below which a residual is no noise
 SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
 SUPPORTED = 3.0  # z of an effect beside a discrepancy of no consequence
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
+TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
 BESIDE_GUARD = "it is found beside a term that no effect of the library has"
 
 
@@ -104,6 +105,24 @@ def searched(problem: TraceProblem) -> Search:
 
 
 def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
+    """The decision (``_decided``) less names that stand for a cause outside the library.
+
+    An event may begin anywhere, and two of them imitate much that has another law. That loads or
+    the air should change twice in one record is less likely than one cause that no effect has.
+    """
+    found = _decided(search, discrepancy)
+    events = {
+        each.name
+        for each in found.best.effects
+        if each.traits.onset and each.station is not Station.SENSOR_PATH
+    }
+    if len(events & {each.name for each in found.named}) < 2:
+        return found
+    hints = tuple(replace(each, reason=TWO_EVENTS) for each in found.named)
+    return replace(found, verdict=Verdict.UNEXPLAINED, named=(), hints=hints)
+
+
+def _decided(search: Search, discrepancy: Traceable | None) -> Decision:
     """Decide, with further searches beside a discrepancy where no set of effects leaves noise.
 
     General forms have no cause of their own: they are tried where nothing with one is named.
@@ -167,7 +186,7 @@ def _total(named: Named) -> float:
 
 
 def _by_sets(search: Search, best: Weighed) -> Decision:
-    """Under white noise: what is certain, unless more leaves noise; else the best set, by groups."""
+    """Under white noise: what is certain, unless more leaves noise; else the best, by groups."""
     sets = probabilities(search)
     inclusion = inclusion_of(sets)
     certain = frozenset(name for name in best.names if inclusion[name] >= CERTAIN)
