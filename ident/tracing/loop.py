@@ -22,6 +22,7 @@ from ident.tracing.diagnosis import (
     Verdict,
 )
 from ident.tracing.evidence.decision import CERTAIN, NOISE, Decision, Named, decided, searched
+from ident.tracing.evidence.priors import FEWEST, ODDS
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks, spike_claims
@@ -94,7 +95,8 @@ def diagnose(
     best = problem.fit(found.best.effects, found.best) or found.best
     found = replace(found, best=best)
     out = predicted_by(best, held)
-    judgement = _judged(problem, found, out, held, (*declared.spikes, *spikes))
+    kept = _still_needed(declared.spikes, problem, records, best)
+    judgement = _judged(problem, found, out, held, (*kept, *spikes))
     before, after = _scatter(problem, root, judgement, held)
     watch.stage("held out")
     told = reported(
@@ -133,6 +135,15 @@ def if_nothing_is_found(declared: Declared, held: HeldOutData, validation: Seque
     judgement = Judgement(Verdict.CONSISTENT, root, held.declared, declared.spikes, tests, ())
     before, after = Before(root, tests.all, scatter), Outcome(judgement, scatter)
     return reported(declared.problem, before, after, held, validation, {})
+
+
+def _still_needed(spikes: Sequence[Claim], problem: TraceProblem, records: Sequence[Record], best: FittedModel) -> Sequence[Claim]:
+    """Wrong samples of inputs, where the set that was found needs them mended as well."""
+    if not spikes:
+        return ()
+    as_recorded = replace(problem, records=records).fit(best.effects, best, rough=True)
+    brought = np.inf if as_recorded is None else as_recorded.fit.cost - best.fit.cost
+    return spikes if brought > -np.log(ODDS / FEWEST) else ()
 
 
 def _scatter(problem: TraceProblem, root: FittedModel, judgement: Judgement, held: HeldOutData) -> tuple[RecordScatter, RecordScatter]:

@@ -13,7 +13,13 @@ from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Candidate, Step, Verdict
 from ident.tracing.evidence.evidence import Key, Weighed
 from ident.tracing.evidence.search import ALIKE, SWAPS, Search, together
-from ident.tracing.evidence.steady_search import is_steady, spread_search, surely_needed, vuong
+from ident.tracing.evidence.steady_search import (
+    CLEAR,
+    is_steady,
+    spread_search,
+    surely_needed,
+    vuong,
+)
 from ident.tracing.validation.whiteness import whiteness
 from sim.declaration.effect import Station, full_name
 from sim.declaration.proposal import Traceable
@@ -309,8 +315,8 @@ def _supported(search: Search, best: Weighed) -> tuple[Weighed, dict[str, float]
     """What is left of a set beside a discrepancy when members without support are left out.
 
     An effect is kept where it raises the posterior probability, and where the evidence for it is
-    spread over the records; that of an event that soon ends cannot be. Also, by name, z of those
-    that raise the probability and nearly have the spread.
+    spread over the records; that of an event that ends cannot be, and has to be large. Also, by
+    name, z of those that raise the probability and nearly have the spread.
     """
     wanted = [each for each in best.fitted.effects if each.name not in search.base_names]
     begun = search.fit((*search.base, *wanted), best.fitted) if wanted else None
@@ -326,7 +332,8 @@ def _supported(search: Search, best: Weighed) -> tuple[Weighed, dict[str, float]
             if less is None:
                 continue
             z = vuong(found, less, search.context.interval)
-            if less.weight > found.weight or (name in lasting and z < SUPPORTED):
+            gain = found.weight - less.weight
+            if gain < 0.0 or (z < SUPPORTED if name in lasting else gain < CLEAR):
                 lacking.append((z, less, name))
         if not lacking:
             break
