@@ -71,7 +71,7 @@ def decision_of(squares: np.ndarray, counts: np.ndarray, found: float, own: int,
 
 
 def chance_found(gain: float, own: int, price: float, accept: float) -> float:
-    """Probability that an effect lowers the criterion by what an addition must bring.
+    """Probability that an effect raises twice the log likelihood by what its prior odds cost.
 
     ``gain`` : expected, of the log likelihood over the declared model. ``own``, ``price`` : its free parameters and what is charged for them.
     """

@@ -208,7 +208,7 @@ class Diagnosis:
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
     seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
     modes_before, modes_after : numbers of the modes from which levels of flying qualities follow, None where there are none.
-    stopped : a search ended at its means.
+    stopped : a search used all its fits.
     trained_before, trained_after : what another record is predicted with.
     not_met : requirements that were not met, where something is not claimed or not all is explained.
     inflation : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.

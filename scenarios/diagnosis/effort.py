@@ -15,8 +15,8 @@ def settings_of(effort: str) -> TraceSettings:
 
 
 def effort_sentence(effort: str, diagnosis: Diagnosis) -> str:
-    """Which effort was made, and whether a greater one would look further: where the search ended at its means with something left."""
+    """Which effort was made, and whether a greater one would look further: where a search used all its fits and the residual is not explained."""
     if not (diagnosis.stopped and diagnosis.verdict in (Verdict.PARTIAL, Verdict.UNEXPLAINED)):
         return f"effort: {effort}"
-    further = "--effort thorough would look further" if effort == NORMAL.effort else "no greater effort is to be had"
-    return f"effort: {effort}; the search ended at its means with something left: {further}"
+    further = "--effort thorough would look further" if effort == NORMAL.effort else "there is no greater effort"
+    return f"effort: {effort}; the search used all its fits, and the residual is not explained: {further}"

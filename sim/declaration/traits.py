@@ -31,10 +31,9 @@ class Traits:
     separating : other effect -> what to fly to tell the two apart. Either of the two may say it.
     twins : names of effects that are another description of the same fault of the same sensor: never claimed side by side.
     equivalents : those of the twins that no record tells apart from it, since other values of the derivatives make up for the difference: a
-        record is explained alike under each, and only the declared derivatives say which is likelier. A guard that has some competes with
-        these alone.
+        record is explained alike under each, and only the priors say which is likelier.
     same_as : local name -> (effect, least size): where this parameter is larger than that, the effect is the same thing under another name, which
-        no record without further channels tells apart; a claim names it beside its own.
+        no record without further channels tells apart.
     never_beside : names of effects that are never in one set with it: of one slow fault, or one law of the airspeed, a record shows no more.
     plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
     usual : local name -> one standard deviation of what is expected of it before any record is seen, about its absence; its declared
@@ -46,17 +45,15 @@ class Traits:
     lasts : local name of the time that an event lasts: where it is no longer than two samples, the recorder did it, and no force.
     per_record : True where the effect belongs to one record (an event, a drift): its parameters are fitted anew for each record, and it
         needs not act on all of them. Those in ``of_aircraft`` are excepted.
-    of_aircraft : local names of parameters that any aircraft has and that are known beforehand to their prior: all records share them, and
-        a search charges nothing for them.
+    of_aircraft : local names of parameters that any aircraft has and that are known beforehand to their prior: all records share them.
     guard : True for a generic term that competes like an effect and is never claimed: where it wins, the library lacks the cause.
     wrong_samples_of : the output or recorded input whose isolated wrong samples it stands for: found by rule, never fitted.
     recorded_as : the input channel that records what this effect would have to guess: with it there is nothing to search for.
     within_interval : local name of a time that, where it is shorter than the sampling interval, tells how inputs are to be read between
         samples, and no more.
-    background : True for motion that any real record may have whatever else is wrong: it is offered before all others, and where it is
-        significant it belongs to the model of every candidate.
-    general : True for one of many instances of a general form, less specific than a named cause: offered where no single named effect, and no
-        guard, explains the records.
+    background : True for motion that any real record may have whatever else is wrong: its prior odds are one half.
+    general : True for one of many instances of a general form, less specific than a named cause: offered where nothing with a cause of its
+        own explains the records.
     """
 
     sentences: tuple[str, ...] = ()

@@ -49,7 +49,7 @@ class SensorDrift:
         "The sensor's zero wanders while the record runs: y_recorded = y + bias + slope (t - begin). Warming electronics and gyros do this, and "
         "settle: a freer form has slope (1 - exp(-settling (t - begin))) / settling. The deviation grows steadily whatever the maneuver, in one "
         "channel alone and against the kinematics. A trim or a speed that changes slowly moves all channels together instead. The slope belongs to "
-        "one record; on another it has another value, so that it cannot be confirmed by replication, and on measured data slow disturbances easily "
+        "one record; on another it has another value, so that another record cannot confirm it, and on measured data slow disturbances easily "
         "pass for it. On a falling body a drift of the altitude stands for anything that adds a constant to the measured velocity, a horizontal "
         "motion seen by the radar among them."
     )

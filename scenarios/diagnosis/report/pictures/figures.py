@@ -20,7 +20,7 @@ CAPTIONS = {
     "replication": "Parameters of the effects from each record by itself and from the fitted records together",
     "held_out": "Record against prediction on data that were not fitted, and what each prediction leaves",
     "residuals": "Residuals of the fitted data with the declared model and with the effects",
-    "evidence": "What each candidate would bring to the fit and to data held out, and why it was not chosen; open bars were screened, to first order",
+    "evidence": "Log posterior odds of each candidate below those of the best, and why it was not chosen; open bars are linearised",
     "derivatives": "Derivatives with the declared model and with the effects",
     "spectra": "Spectra of the residuals over that of the noise",
 }
