@@ -195,7 +195,11 @@ def _by_sets(search: Search, best: Weighed) -> Decision:
     """Under white noise: what is certain, unless more leaves noise; else the best, by groups."""
     sets = probabilities(search)
     inclusion = inclusion_of(sets)
-    certain = frozenset(name for name in best.names if inclusion[name] >= CERTAIN)
+    certain = frozenset(
+        effect.name
+        for effect in best.fitted.effects
+        if inclusion[effect.name] + sum(_alike(search, best, effect, sets).values()) >= CERTAIN
+    )
     enough = search.visited.get(certain)
     if enough is not None and (is_noise(enough.fitted) or not is_noise(best.fitted)):
         best = enough
@@ -209,7 +213,8 @@ def _by_sets(search: Search, best: Weighed) -> Decision:
     elif search.problem.guards & best.names or min(map(_total, named)) < CERTAIN:
         verdict = Verdict.UNEXPLAINED
     else:
-        verdict = Verdict.TRACED if best.names == certain else Verdict.AMBIGUOUS
+        alone = min(each.probability for each in named) >= CERTAIN
+        verdict = Verdict.TRACED if alone else Verdict.AMBIGUOUS
     told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
     return Decision(verdict, best.fitted, search.root.fitted, told, hints, (search,))
 

@@ -7,7 +7,7 @@ import pytest
 
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
-from ident.tracing.evidence.decision import decided, searched
+from ident.tracing.evidence.decision import decided, is_noise, searched
 from ident.tracing.loop import diagnose
 from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for
@@ -18,6 +18,7 @@ from tests.diagnoses import NOISE
 from tests.tracing_problem import OUTPUTS, declared, planted, problem_of, with_output
 
 LATE, ARM = "sensor-delay:alpha", "vane-offset"
+SHORT = 1.5  # m: what so short a boom changes hides in the noise
 FEW = (
     LATE,
     ARM,
@@ -111,6 +112,19 @@ def test_white_noise_decides_where_a_discrepancy_is_less_probable() -> None:
     found = decided(searched(offered([record])), discrepancy)
     assert found.verdict is Verdict.TRACED
     assert {each.name for each in found.named} == set(names)
+
+
+def test_a_group_that_acts_is_ambiguous_though_no_member_is_certain() -> None:
+    """A short boom: a vane and a late alpha look alike, and residual tests see neither."""
+    problem = offered([planted([effect(ARM)], {"vane-offset.arm": SHORT}, seed=2)])
+    search = searched(problem)
+    assert is_noise(search.root.fitted)
+    assert search.best().weight - search.root.weight > 3.0
+    found = decided(search)
+    (named,) = found.named
+    assert found.verdict is Verdict.AMBIGUOUS
+    assert {named.name, *named.alternatives} >= {ARM, LATE}
+    assert named.probability < 0.95 < named.probability + sum(named.alternatives.values())
 
 
 def test_the_loop_reports_what_is_decided() -> None:
