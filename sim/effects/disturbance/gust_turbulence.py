@@ -48,6 +48,8 @@ class GustTurbulence:
         sentences=("the air is turbulent: gusts of {sigma}, length scale {length}",),
         # Below a fifth of what pilots call light, a few centimetres a second stand for something else that is small.
         plausible={"sigma": (0.1, 8.0), "length": (40.0, 2000.0)},
+        # Rough air is a row of gusts: a single one in it is no other cause.
+        never_beside=("gust-discrete",),
     )
     explanation: ClassVar[str] = (
         "The air is rough all along the record. Its vertical speed w is random, with standard deviation sigma and a correlation length L that the "
