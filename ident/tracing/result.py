@@ -32,6 +32,7 @@ from sim.declaration.effect import DynamicsEffect
 from sim.record import Record
 
 _NONE: Mapping[str, float] = MappingProxyType({})
+LOST = 0.1  # of the noise that high frequencies show
 
 
 def _under_each(
@@ -222,8 +223,13 @@ def _estimate(fitted: FittedModel) -> Estimate:
 def _noise_levels(root: FittedModel, best: FittedModel) -> dict[str, float]:
     """Measurement noise by output; where a fit with process noise lost it, what high frequencies of the declared model's residual show."""
     levels = noise_levels(best.fit)
-    for name in levels_at_limit(best.fit) if has_process_noise(best.system) else ():
-        levels[name] = noise_shown(root.fit, name) or levels[name]
+    if has_process_noise(best.system):
+        lost = set(levels_at_limit(best.fit))
+        for name, level in levels.items():
+            shown = noise_shown(root.fit, name)
+            # Rough air or a discrepancy has taken in the noise of that sensor as well.
+            if shown is not None and (name in lost or level < LOST * shown):
+                levels[name] = shown
     return levels
 
 
