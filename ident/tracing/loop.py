@@ -184,15 +184,28 @@ def _judged(
     if found.named and left:
         verdict = Verdict.PARTIAL
     cautions += left
-    if gains and sum(gains) <= 0.0:
+    raised = min(sum(gains), _freely(found, out, held)) if gains else np.inf
+    if raised <= 0.0:
         verdict = Verdict.UNEXPLAINED
-        worse = _no_improvement(sum(gains))
+        worse = _no_improvement(raised)
         why = (worse.requirement.sentence if worse.requirement else worse.sentence,)
         claims = [replace(claim, claimed=False, reasons=why, probability={}) for claim in claims]
         cautions.append(worse)
     if verdict is Verdict.CONSISTENT and spikes:
         verdict = Verdict.TRACED
     return Judgement(verdict, best, out, (*spikes, *claims), tests, tuple(cautions))
+
+
+def _freely(found: Decision, out: HeldOut, held: HeldOutData) -> float:
+    """Rise of the log likelihood of a free simulation of held-out data.
+
+    Infinite where random loads alone are named: no free simulation follows them.
+    """
+    names = {each.name for each in found.named}
+    followed = [each for each in found.best.effects if each.name in names and not isinstance(each, NoiseEffect)]
+    if not followed or held.declared.frozen is None or out.frozen is None:
+        return float(np.inf)
+    return held.declared.frozen.cost - out.frozen.cost
 
 
 def _of_guards(problem: TraceProblem, found: Decision) -> list[Caution]:
