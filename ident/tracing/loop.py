@@ -237,7 +237,8 @@ def _claim(
     """A claim, or a hint, with its numbers and the likely effects that could take its place."""
     (effect,) = [each for each in best.effects if each.name == named.name]
     likely = sorted(named.alternatives.items(), key=lambda item: -item[1])
-    equal = effect.traits.equivalents
+    # Of forms without a cause of their own, or equal to the data, priors alone prefer one.
+    equal = set(named.alternatives) if effect.traits.general else set(effect.traits.equivalents)
     rivals = [name for name, share in likely if share > LIKELY or name in equal]
     others = [name for name in rivals if name not in guards][:ALTERNATIVES]
     told = {named.name: named.probability, **{name: named.alternatives[name] for name in others}}

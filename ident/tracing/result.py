@@ -226,7 +226,7 @@ def _noise_levels(root: FittedModel, best: FittedModel) -> dict[str, float]:
     if has_process_noise(best.system):
         lost = set(levels_at_limit(best.fit))
         for name, level in levels.items():
-            shown = noise_shown(root.fit, name)
+            shown = noise_shown(root.fit, name) if name in root.system.output_names else None
             # Rough air or a discrepancy has taken in the noise of that sensor as well.
             if shown is not None and (name in lost or level < LOST * shown):
                 levels[name] = shown

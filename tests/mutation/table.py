@@ -415,11 +415,6 @@ IDENT = (
         ("betaincinv(count, of - count + 1, tail)", "betaincinv(count, of - count, tail)"),
     ),
     *changes(
-        "ident/statistics/rank_correlation.py",
-        ("tests/unit/ident/statistics/test_rank_correlation.py",),
-        ("last - 0.5 * (counts - 1.0)", "last"),
-    ),
-    *changes(
         "ident/statistics/local_level.py",
         ("tests/unit/ident/statistics/test_local_level.py",),
         ("4: 70.0", "4: 20.0"),

@@ -141,16 +141,15 @@ def _decided(search: Search, discrepancy: Traceable | None) -> Decision:
     quiet = is_noise(best.fitted)
     if quiet and not search.added(best):
         return _by_sets(search, best)
-    guarded = bool(problem.guards & best.names)
     if discrepancy is None:
-        general = _with_general_forms(search) if guarded or not quiet else None
+        tried = not quiet or bool(problem.guards & best.names)
+        general = _with_general_forms(search) if tried else None
         return general or (_by_sets(search, best) if quiet else _undecided(search, best))
     base = (discrepancy, *best.fitted.background)
     near = Search(problem, search.candidates, base, title="a model discrepancy")
     supported = _supported(near, best)
     if best.weight >= near.best().weight:
-        general = _with_general_forms(search) if guarded else None
-        return general or _by_sets(search, best)
+        return _by_sets(search, best)
     small = _beside_small_discrepancy(search, near, best, supported, exact=quiet)
     if small is not None:
         return small

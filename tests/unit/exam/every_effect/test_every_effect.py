@@ -26,9 +26,9 @@ from tests.diagnoses import tracing_of
 
 def test_rows_do_not_depend_on_how_many_there_are_and_are_read_as_they_were_written(tmp_path: Path) -> None:
     falls = EveryEffectOfFalls(("nothing", "density-scale-height"))
-    whole = fly_all(falls, 2, 5, Manner(1, tmp_path / "a"))
-    part = fly_all(falls, 1, 5, Manner(1, tmp_path / "b"))
-    more = fly_all(falls, 2, 5, Manner(1, tmp_path / "b", resume=True))
+    whole = fly_all(falls, 2, 6, Manner(1, tmp_path / "a"))
+    part = fly_all(falls, 1, 6, Manner(1, tmp_path / "b"))
+    more = fly_all(falls, 2, 6, Manner(1, tmp_path / "b", resume=True))
     rows = [cells_of(each) for each in whole.found]
     assert [cells_of(each) for each in part.found] == rows[:1] and [cells_of(each) for each in more.found] == rows
     assert all({*row} == {*COLUMNS} for row in rows)
