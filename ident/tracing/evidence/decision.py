@@ -149,7 +149,8 @@ def _decided(search: Search, discrepancy: Traceable | None) -> Decision:
     near = Search(problem, search.candidates, base, title="a model discrepancy")
     supported = _supported(near, best)
     if best.weight >= near.best().weight:
-        return _by_sets(search, best)
+        general = _with_general_forms(search) if problem.guards & best.names else None
+        return general or _by_sets(search, best)
     small = _beside_small_discrepancy(search, near, best, supported, exact=quiet)
     if small is not None:
         return small
@@ -172,7 +173,9 @@ def _with_general_forms(search: Search) -> Decision | None:
     offered = [each for each in problem.candidates if not each.traits.guard]
     general = Search(problem, offered, title="white noise, general forms as well").run()
     best = general.best()
-    if not is_noise(best.fitted):
+    # A guard may be the same as a form: it gives way only where that is clearly likelier.
+    guarded = search.best().names & problem.guards
+    if not is_noise(best.fitted) or (guarded and best.weight < search.best().weight + CLEAR):
         return None
     return replace(_by_sets(general, best), searches=(search, general))
 
