@@ -23,6 +23,7 @@ from ident.tracing.diagnosis import (
 )
 from ident.tracing.evidence.decision import CERTAIN, NOISE, Decision, Named, decided, searched
 from ident.tracing.evidence.priors import FEWEST, ODDS
+from ident.tracing.evidence.steady_search import CLEAR
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks, spike_claims
@@ -197,15 +198,16 @@ def _judged(
 
 
 def _freely(found: Decision, out: HeldOut, held: HeldOutData) -> float:
-    """Rise of the log likelihood of a free simulation of held-out data.
+    """Rise of the log likelihood of a free simulation of held-out data, which has to be positive.
 
-    Infinite where random loads alone are named: no free simulation follows them.
+    No free simulation follows random loads: where they alone are named, it may fall by ``CLEAR``.
     """
-    names = {each.name for each in found.named}
-    followed = [each for each in found.best.effects if each.name in names and not isinstance(each, NoiseEffect)]
-    if not followed or held.declared.frozen is None or out.frozen is None:
+    if held.declared.frozen is None or out.frozen is None:
         return float(np.inf)
-    return held.declared.frozen.cost - out.frozen.cost
+    names = {each.name for each in found.named}
+    named = [each for each in found.best.effects if each.name in names]
+    random = all(isinstance(each, NoiseEffect) for each in named)
+    return held.declared.frozen.cost - out.frozen.cost + (CLEAR if random else 0.0)
 
 
 def _of_guards(problem: TraceProblem, found: Decision) -> list[Caution]:

@@ -15,11 +15,11 @@ import numpy as np
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.evidence.priors import SetPrior, prior_of
 from ident.tracing.screening.score_test import _motions, _signatures
+from ident.tracing.thresholds import PLACES
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 from sim.errors import ModelError
 
-PLACES = 60  # of an event over a record
 AMPLITUDE = 0.4  # one sigma of a placed size about the place, as a share
 KEPT = 2  # places of a candidate
 FAINT = 1e-10  # of a scaled Gram matrix: rounding
