@@ -198,16 +198,16 @@ def _judged(
 
 
 def _freely(found: Decision, out: HeldOut, held: HeldOutData) -> float:
-    """Rise of the log likelihood of a free simulation of held-out data, which has to be positive.
+    """Where rough air alone is named: rise of the log likelihood of a free simulation, plus ``CLEAR``.
 
-    No free simulation follows random loads: where they alone are named, it may fall by ``CLEAR``.
+    No free simulation follows random loads, but one that gets clearly worse has derivatives that
+    are wrong. Infinite of all else: beside a discrepancy one step ahead is what is predicted.
     """
-    if held.declared.frozen is None or out.frozen is None:
-        return float(np.inf)
     names = {each.name for each in found.named}
-    named = [each for each in found.best.effects if each.name in names]
-    random = all(isinstance(each, NoiseEffect) for each in named)
-    return held.declared.frozen.cost - out.frozen.cost + (CLEAR if random else 0.0)
+    random = [isinstance(each, NoiseEffect) for each in found.best.effects if each.name in names]
+    if not all(random) or held.declared.frozen is None or out.frozen is None:
+        return float(np.inf)
+    return held.declared.frozen.cost - out.frozen.cost + CLEAR
 
 
 def _of_guards(problem: TraceProblem, found: Decision) -> list[Caution]:
