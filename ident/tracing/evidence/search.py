@@ -340,7 +340,7 @@ class Search:
                 # Which set leads hangs on where its events are.
                 made.append(self._placed_better(max(made, key=lambda one: one.weight)))
         rough = has_process_noise(parent.fitted.system)
-        offered = not (rough or is_white(parent.fitted.fit, PROCESS_NOISE_OFFERED))
+        offered = self.base or not (rough or is_white(parent.fitted.fit, PROCESS_NOISE_OFFERED))
         if offered and most == LEADERS:
             made += self._with_process_noise(parent)
         self._tell(parent, beside, made)

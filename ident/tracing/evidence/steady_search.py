@@ -33,12 +33,8 @@ CLEAR = 30.0  # log likelihood, beyond what a prior can take
 
 
 def is_steady(effect: Traceable) -> bool:
-    """Whether an effect acts all along and alike in all records.
-
-    Rough air does not: beside random loads of a discrepancy it has no law of its own to be told by.
-    """
-    passing = belongs_to_record(effect) or effect.traits.onset or effect.traits.background
-    return not (passing or isinstance(effect, NoiseEffect))
+    """Whether an effect acts all along and alike in all records."""
+    return not (belongs_to_record(effect) or effect.traits.onset or effect.traits.background)
 
 
 def log_densities(fitted: FittedModel) -> list[np.ndarray]:
@@ -144,7 +140,9 @@ def spread_search(search: Search) -> Weighed:
         ]
         if not good:
             break
-        leader = max(good, key=lambda one: one.weight)
+        # Rough air takes in what has a cause: it is added where no cause can be.
+        causes = [one for one in good if not _adds_noise(one, leader)]
+        leader = max(causes or good, key=lambda one: one.weight)
         members = sorted(search.added(leader))
         for name in members if len(members) > 1 else ():
             if surely_needed(leader, name, search.context, SPREAD):
@@ -155,3 +153,9 @@ def spread_search(search: Search) -> Weighed:
             if less.weight > leader.weight or vuong(leader, less, interval) < SPREAD:
                 leader = less
     return leader
+
+
+def _adds_noise(more: Weighed, less: Weighed) -> bool:
+    """Whether what one set has more than another is process noise."""
+    fresh = [each for each in more.fitted.effects if each.name not in less.names]
+    return any(isinstance(each, NoiseEffect) for each in fresh)
