@@ -325,10 +325,12 @@ class Search:
         doing, share = f"{self.title}: what is missing beside {beside}", self.fits / 100.0
         self.problem.progress(doing, min(0.1 + 0.7 * share, 0.85))
         made: list[Weighed] = []
-        present = [each for each in parent.fitted.effects if not each.traits.background]
-        deeper = self.problem.settings.depth - len(
-            [each for each in present if each not in self.base]
-        )
+        causes = [
+            each
+            for each in parent.fitted.effects
+            if not (each.traits.background or each in self.base)
+        ]
+        deeper = self.problem.settings.depth - len(causes)
         if deeper > 0:
             made = [
                 child
@@ -411,10 +413,8 @@ class Search:
             )
             self.tried.append(told)
         if not most:
-            alone = {one.leads[0].effect.name: one for one in reversed(sets) if len(one.leads) == 1}
-            return sorted(
-                (alone[name] for name in wanted if name in alone), key=lambda one: -one.weight
-            )
+            named = [singles[name] for name in wanted if name in singles]
+            return sorted(named, key=lambda one: -one.weight)
         chosen: list[LinearSet] = []
         bar = 0.0
         for size in range(1, deeper + 1):
@@ -435,11 +435,9 @@ class Search:
         for effect in self.candidates:
             if not isinstance(effect, NoiseEffect) or parent.names | {effect.name} in self.visited:
                 continue
-            if effect.name not in parent.names:
-                effects = (*parent.fitted.effects, effect)
-                fitted = self.fit(effects, parent.fitted)
-                if fitted is not None:
-                    made.append(self.kept(fitted))
+            fitted = self.fit((*parent.fitted.effects, effect), parent.fitted)
+            if fitted is not None:
+                made.append(self.kept(fitted))
         return made
 
     # ---------------------------------------------------------------- events

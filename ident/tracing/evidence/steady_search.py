@@ -16,6 +16,7 @@ References
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -57,11 +58,14 @@ def vuong(more: Weighed, less: Weighed, interval: float) -> float:
     ----------
     more, less : two fitted sets on the same records. interval : between samples, s.
     """
-    block = max(2, round(BLOCK / interval))
     pairs = zip(log_densities(more.fitted), log_densities(less.fitted), strict=True)
-    parts = [np.add.reduceat(a - b, np.arange(0, len(a), block)) for a, b in pairs]
-    d = np.concatenate(parts)
-    gain = more.evidence - less.evidence
+    return _over_scatter(more.evidence - less.evidence, [a - b for a, b in pairs], interval)
+
+
+def _over_scatter(gain: float, changes: Sequence[np.ndarray], interval: float) -> float:
+    """A gain over its scatter, from its parts by sample, ``(N,)`` a record, summed in blocks."""
+    block = max(2, round(BLOCK / interval))
+    d = np.concatenate([np.add.reduceat(each, np.arange(0, len(each), block)) for each in changes])
     # Half a noncentral chi-square of mean g has at least the standard deviation sqrt(2 g).
     scatter = max(float(np.sqrt(len(d)) * np.std(d)), math.sqrt(2.0 * abs(gain)), 1e-12)
     return float(gain / scatter)
@@ -99,8 +103,7 @@ def surely_needed(one: Weighed, name: str, context: SearchContext, bar: float) -
     right = gradient[rest] - normal[np.ix_(rest, at)] @ step[at]
     turned = np.linalg.lstsq(inside * np.outer(scale, scale), scale * right, rcond=1e-10)[0]
     step[rest] = scale * turned
-    count = round(BLOCK / context.interval)
-    blocks, lost, samples = [], 0.0, 0.0
+    changes, lost, samples = [], 0.0, 0.0
     for r, problem in enumerate(layout.problems):
         mine = np.arange(len(fit.theta))[layout.columns(r)]
         weight = np.where(problem.valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
@@ -109,15 +112,13 @@ def surely_needed(one: Weighed, name: str, context: SearchContext, bar: float) -
         change = 0.5 * np.sum(after**2 - before**2, axis=0)
         lost += float(change.sum())
         samples += float(np.count_nonzero(problem.valid))
-        edges = np.arange(0, len(change), max(2, count))
-        blocks.append(np.add.reduceat(change, edges))
+        changes.append(change)
     if not lost > 0.0:
         return False
     # Under noise estimated anew a large loss is smaller, and so is that of each block.
     gain = 0.5 * samples * math.log1p(2.0 * lost / samples)
-    d = gain / lost * np.concatenate(blocks)
-    z = gain / max(float(np.sqrt(len(d)) * np.std(d)), math.sqrt(2.0 * gain))
-    return bool(gain > CLEAR and z > bar)
+    z = _over_scatter(gain, [gain / lost * each for each in changes], context.interval)
+    return gain > CLEAR and z > bar
 
 
 def spread_search(search: Search) -> Weighed:
