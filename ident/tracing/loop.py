@@ -23,7 +23,6 @@ from ident.tracing.diagnosis import (
 )
 from ident.tracing.evidence.decision import CERTAIN, NOISE, Decision, Named, decided, searched
 from ident.tracing.evidence.priors import FEWEST, ODDS
-from ident.tracing.evidence.steady_search import CLEAR
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks, spike_claims
@@ -185,7 +184,7 @@ def _judged(
     if found.named and left:
         verdict = Verdict.PARTIAL
     cautions += left
-    raised = min(sum(gains), _freely(found, out, held)) if gains else np.inf
+    raised = sum(gains) if gains else np.inf
     if raised <= 0.0:
         verdict = Verdict.UNEXPLAINED
         worse = _no_improvement(raised)
@@ -195,19 +194,6 @@ def _judged(
     if verdict is Verdict.CONSISTENT and spikes:
         verdict = Verdict.TRACED
     return Judgement(verdict, best, out, (*spikes, *claims), tests, tuple(cautions))
-
-
-def _freely(found: Decision, out: HeldOut, held: HeldOutData) -> float:
-    """Where rough air alone is named: rise of the log likelihood of a free simulation, plus ``CLEAR``.
-
-    No free simulation follows random loads, but one that gets clearly worse has derivatives that
-    are wrong. Infinite of all else: beside a discrepancy one step ahead is what is predicted.
-    """
-    names = {each.name for each in found.named}
-    random = [isinstance(each, NoiseEffect) for each in found.best.effects if each.name in names]
-    if not all(random) or held.declared.frozen is None or out.frozen is None:
-        return float(np.inf)
-    return held.declared.frozen.cost - out.frozen.cost + CLEAR
 
 
 def _of_guards(problem: TraceProblem, found: Decision) -> list[Caution]:

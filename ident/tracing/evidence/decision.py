@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
@@ -15,13 +16,15 @@ from ident.tracing.evidence.evidence import Key, Weighed
 from ident.tracing.evidence.search import ALIKE, SWAPS, Search, together
 from ident.tracing.evidence.steady_search import (
     CLEAR,
+    SPREAD,
     is_steady,
+    quiet_vuong,
     spread_search,
     surely_needed,
     vuong,
 )
 from ident.tracing.validation.whiteness import whiteness
-from sim.declaration.effect import Station, full_name
+from sim.declaration.effect import NoiseEffect, Station, full_name
 from sim.declaration.proposal import Traceable
 
 CERTAIN = 0.95  # probability of what is claimed
@@ -30,6 +33,8 @@ SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no conseque
 SUPPORTED = 3.0  # z of an effect beside a discrepancy of no consequence
 RIVAL = 2.0  # z of Vuong's test below which two effects are not told apart
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
+BESIDE_EVENT = "a load or gust in passing beside another cause leaves a residual that is no noise"
+ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
 BESIDE_GUARD = "it is found beside a term that no effect of the library has"
 
 
@@ -113,19 +118,58 @@ def searched(problem: TraceProblem) -> Search:
 def decided(search: Search, discrepancy: Traceable | None = None) -> Decision:
     """The decision (``_decided``) less names that stand for a cause outside the library.
 
-    An event may begin anywhere, and two of them imitate much that has another law. That loads or
-    the air should change twice in one record is less likely than one cause that no effect has.
+    Rough air acts whether or not the aircraft is maneuvered. An event may begin anywhere, and
+    beside another cause it imitates much that has another law: where two loads or gusts are found,
+    or one beside another cause and a residual that is no noise, one cause that no effect has is
+    likelier.
     """
     found = _decided(search, discrepancy)
+    effects = {each.name: each for each in found.best.effects}
     events = {
-        each.name
-        for each in found.best.effects
+        name
+        for name, each in effects.items()
         if each.traits.onset and each.station is not Station.SENSOR_PATH
     }
-    if len(events & {each.name for each in found.named}) < 2:
+    names = {each.name for each in found.named}
+    doubted = {
+        name: ROUGH_AIR
+        for name in names
+        if isinstance(effects[name], NoiseEffect) and not _acts_when_quiet(found, name)
+    }
+    if len(events & names) > 1:
+        return _without_names(found, dict.fromkeys(names, TWO_EVENTS))
+    causes = {name for name in names if not effects[name].traits.background}
+    if len(causes) > 1 and events & causes and not is_noise(found.best):
+        doubted |= dict.fromkeys(events & causes, BESIDE_EVENT)
+    return _without_names(found, doubted)
+
+
+def _without_names(found: Decision, reasons: Mapping[str, str]) -> Decision:
+    """A decision that does not name these effects, by the reasons: they are hints."""
+    if not reasons:
         return found
-    hints = tuple(replace(each, reason=TWO_EVENTS) for each in found.named)
-    return replace(found, verdict=Verdict.UNEXPLAINED, named=(), hints=hints)
+    named = tuple(each for each in found.named if each.name not in reasons)
+    hints = tuple(
+        replace(each, reason=reasons[each.name]) for each in found.named if each.name in reasons
+    )
+    verdict = found.verdict
+    if not named:
+        verdict = Verdict.UNEXPLAINED
+    elif verdict is Verdict.TRACED:
+        verdict = Verdict.PARTIAL
+    return replace(found, verdict=verdict, named=named, hints=(*found.hints, *hints))
+
+
+def _acts_when_quiet(found: Decision, name: str) -> bool:
+    """Whether the evidence for rough air is also there while the aircraft hardly moves."""
+    names = frozenset(found.best.names)
+    search = next(each for each in reversed(found.searches) if names in each.visited)
+    best = search.visited[names]
+    less = search.visited.get(names - {name}) or search.without(best, name)
+    if less is None:
+        return True
+    declared, interval = found.searches[0].declared, search.context.interval
+    return quiet_vuong(best.fitted, less.fitted, declared, interval) >= RIVAL
 
 
 def _decided(search: Search, discrepancy: Traceable | None) -> Decision:
@@ -253,25 +297,38 @@ def _undecided(search: Search, best: Weighed) -> Decision:
 
 def _beside_discrepancy(white: Search, search: Search, best: Weighed) -> Decision:
     """Beside a discrepancy: what is spread over the records, with the rivals of each."""
-    interval, guards = search.context.interval, search.problem.guards
-    searches, root = (white, search), search.root.fitted
-    members = sorted(search.added(best))
+    guards, root = search.problem.guards, search.root.fitted
+    searches = (white, search)
+    best, spread = _all_spread(search, best)
     named = []
-    for name in members:
-        less = search.without(best, name)
-        z = vuong(best, less, interval) if less is not None else float("inf")
+    for name, z in spread.items():
         rivals = _rivals(search, best, name)
         share = 1.0 / (1.0 + sum(rivals.values()))
         named.append(Named(name, share, {other: each * share for other, each in rivals.items()}, z))
     if not named:
         return Decision(Verdict.UNEXPLAINED, root, root, (), (), searches)
-    if guards & set(members):
+    if guards & set(spread):
         hints = tuple(replace(each, reason=BESIDE_GUARD) for each in named)
         return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, searches)
     verdict = (
         Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
     )
     return Decision(verdict, best.fitted, root, tuple(named), (), searches)
+
+
+def _all_spread(search: Search, best: Weighed) -> tuple[Weighed, dict[str, float]]:
+    """A set less the members whose evidence is not spread over the records, and z of the others."""
+    while True:
+        without = {name: search.without(best, name) for name in sorted(search.added(best))}
+        spread = {
+            name: math.inf if less is None else vuong(best, less, search.context.interval)
+            for name, less in without.items()
+        }
+        least = min(spread, key=lambda name: spread[name], default="")
+        less = without.get(least)
+        if less is None or spread[least] >= SPREAD:
+            return best, spread
+        best = less
 
 
 def _beside_small_discrepancy(
@@ -298,6 +355,7 @@ def _beside_small_discrepancy(
         return None
     beside = search.visited.get(plain.names | {search.base[0].name}, found)
     _with_swaps(white, search, beside)
+    beside, plain = _likeliest_swap(white, search, beside, plain)
     sets = probabilities(search)
     named = [
         _weighed_name(search, beside, effect, sets, exact=exact)
@@ -376,6 +434,30 @@ def _with_swaps(white: Search, search: Search, beside: Weighed) -> None:
             fitted = search.fit((*rest, other), beside.fitted, added)
             if fitted is not None:
                 search.kept(fitted)
+
+
+def _likeliest_swap(
+    white: Search, search: Search, beside: Weighed, plain: Weighed
+) -> tuple[Weighed, Weighed]:
+    """The likeliest set with one member replaced by another effect, if any is likelier.
+
+    ``beside`` : the set with the discrepancy. ``plain`` : the same under white noise.
+    """
+    swapped = [
+        one
+        for key, one in search.visited.items()
+        if len(key) == len(beside.names) and len(key & beside.names) == len(key) - 1
+    ]
+    best = max(swapped, key=lambda one: one.weight, default=beside)
+    if best.weight <= beside.weight:
+        return beside, plain
+    names = best.names - {search.base[0].name}
+    home = white.visited.get(names)
+    if home is None:
+        effects = [each for each in best.fitted.effects if each.name in names]
+        fitted = white.fit(effects, plain.fitted, values=best.fitted.values)
+        home = None if fitted is None else white.kept(fitted)
+    return (beside, plain) if home is None else (best, home)
 
 
 def _look_alike(search: Search, effect: Traceable) -> list[str]:

@@ -59,16 +59,48 @@ def vuong(more: Weighed, less: Weighed, interval: float) -> float:
     more, less : two fitted sets on the same records. interval : between samples, s.
     """
     pairs = zip(log_densities(more.fitted), log_densities(less.fitted), strict=True)
-    return _over_scatter(more.evidence - less.evidence, [a - b for a, b in pairs], interval)
+    changes = [_in_blocks(a - b, interval) for a, b in pairs]
+    return _over_scatter(more.evidence - less.evidence, np.concatenate(changes))
 
 
-def _over_scatter(gain: float, changes: Sequence[np.ndarray], interval: float) -> float:
-    """A gain over its scatter, from its parts by sample, ``(N,)`` a record, summed in blocks."""
+def quiet_vuong(
+    more: FittedModel, less: FittedModel, declared: FittedModel, interval: float
+) -> float:
+    """Vuong's test in the half of the blocks in which the declared model moves least.
+
+    Rough air acts whether or not the aircraft is maneuvered. What else is missing and resembles
+    it follows the maneuver.
+
+    Parameters
+    ----------
+    more, less : two fitted sets on the same records. declared : the declared model there, without
+        process noise. interval : between samples, s.
+    """
+    noise = np.sqrt(declared.fit.variance)[:, None]
+    moved, changes = [], []
+    for line, a, b in zip(
+        declared.fit.lines, log_densities(more), log_densities(less), strict=True
+    ):
+        way = np.sum(np.abs(np.diff(line.y, axis=1, prepend=line.y[:, :1])) / noise, axis=0)
+        moved.append(_in_blocks(way, interval))
+        changes.append(_in_blocks(a - b, interval))
+    gains = np.concatenate(changes)
+    order = np.argsort(np.concatenate(moved), kind="stable")
+    quiet = gains[order[: len(gains) // 2]]
+    return _over_scatter(float(quiet.sum()), quiet)
+
+
+def _in_blocks(row: np.ndarray, interval: float) -> np.ndarray:
+    """Sums of a row over blocks of time."""
     block = max(2, round(BLOCK / interval))
-    d = np.concatenate([np.add.reduceat(each, np.arange(0, len(each), block)) for each in changes])
+    return np.add.reduceat(row, np.arange(0, len(row), block))
+
+
+def _over_scatter(gain: float, changes: np.ndarray) -> float:
+    """A gain over its scatter, from its parts by block."""
     # Half a noncentral chi-square of mean g has at least the standard deviation sqrt(2 g).
-    scatter = max(float(np.sqrt(len(d)) * np.std(d)), math.sqrt(2.0 * abs(gain)), 1e-12)
-    return float(gain / scatter)
+    scatter = float(np.sqrt(len(changes)) * np.std(changes))
+    return float(gain / max(scatter, math.sqrt(2.0 * abs(gain)), 1e-12))
 
 
 def surely_needed(one: Weighed, name: str, context: SearchContext, bar: float) -> bool:
@@ -117,7 +149,8 @@ def surely_needed(one: Weighed, name: str, context: SearchContext, bar: float) -
         return False
     # Under noise estimated anew a large loss is smaller, and so is that of each block.
     gain = 0.5 * samples * math.log1p(2.0 * lost / samples)
-    z = _over_scatter(gain, [gain / lost * each for each in changes], context.interval)
+    parts = np.concatenate([_in_blocks(each, context.interval) for each in changes])
+    z = _over_scatter(gain, gain / lost * parts)
     return gain > CLEAR and z > bar
 
 
