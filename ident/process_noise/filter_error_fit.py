@@ -20,7 +20,12 @@ _LEAST = 1e-3  # smallest intensity, relative to its start
 COARSE = 0.1  # tolerance, in sigmas, of the output-error fit that only gives a start
 
 
-def fit_with_process_noise(layout: FitLayout, guesses: list[np.ndarray] | None = None, levels: Mapping[str, float] | None = None) -> Fit | None:
+def fit_with_process_noise(
+    layout: FitLayout,
+    guesses: list[np.ndarray] | None = None,
+    levels: Mapping[str, float] | None = None,
+    least: Mapping[str, float] | None = None,
+) -> Fit | None:
     """Fit a layout's unknowns and the noise levels together; None where no finite cost was found.
 
     Parameters
@@ -29,6 +34,7 @@ def fit_with_process_noise(layout: FitLayout, guesses: list[np.ndarray] | None =
     guesses : trajectories to begin with. levels : measurement noise by output, and ``process_noise_scale`` if wanted, of a
         fit of nearly the same model: a warm start. When None they come from an output-error fit, which also
         moves the other unknowns' start.
+    least : smallest measurement noise by output. Process noise can take in the noise of a sensor, whose level then has no optimum above zero.
     """
     layout = _never_still(layout)
     if levels is None:
@@ -42,9 +48,11 @@ def fit_with_process_noise(layout: FitLayout, guesses: list[np.ndarray] | None =
             start[position] = np.clip(factor * value, layout.low[position], layout.high[position])
         layout = replace(layout, start=start)
         levels = {**dict(zip(layout.system.output_names, noise.tolist(), strict=True)), SCALE: factor}
+    floor = np.array([(least or {}).get(name, 0.0) for name in layout.system.output_names])
+    levels = {**levels, **{name: max(levels.get(name, 1.0), std) for name, std in (least or {}).items() if name in layout.system.output_names}}
     present = [name for name, used in zip(layout.system.output_names, layout.used, strict=True) if used]
     noise_model = process_noise(layout.system, {**dict.fromkeys(layout.system.output_names, 1.0), **levels}, present, scale=levels.get(SCALE, 1.0))
-    return fit_whole_records(FitProblem(layout, replace(noise_model, quick=layout.settings.quick)), guesses)
+    return fit_whole_records(FitProblem(layout, replace(noise_model, quick=layout.settings.quick, least=floor)), guesses)
 
 
 def _amplitudes(layout: FitLayout) -> dict[int, float]:

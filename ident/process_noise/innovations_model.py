@@ -47,6 +47,7 @@ class ProcessNoise:
     ``estimated`` are positions of the outputs whose level is an unknown, started at ``std``. ``scale`` multiplies the standard
     deviation of process noise declared on states, and is an unknown where ``scaled``. Sensors with memory are taken as
     without it by the filter: their lag acts on the deterministic part only. ``quick`` : slopes of the gains by what sets the noise alone.
+    ``least`` ``(m,)`` : smallest levels; None sets them by the start alone.
     """
 
     outputs: tuple[str, ...]
@@ -55,6 +56,7 @@ class ProcessNoise:
     scale: float = 1.0
     scaled: bool = False
     quick: bool = False
+    least: np.ndarray | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -66,7 +68,8 @@ class ProcessNoise:
 
     @property
     def low(self) -> np.ndarray:
-        return np.append(_LEAST * self.std[list(self.estimated)], [0.0] if self.scaled else [])
+        low = _LEAST * self.std if self.least is None else np.maximum(_LEAST * self.std, self.least)
+        return np.append(low[list(self.estimated)], [0.0] if self.scaled else [])
 
     @property
     def high(self) -> np.ndarray:

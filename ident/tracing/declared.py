@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
@@ -13,6 +16,8 @@ from ident.tracing.validation.held_out import HeldOutData, held_out
 from ident.whole_record.failed_fit import failed_fit
 from sim.errors import ModelError
 from sim.record import Record
+
+LEAST_NOISE = 0.3  # of the noise that high frequencies show: logged signals are filtered
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +61,31 @@ def fit_declared(problem: TraceProblem) -> Declared:
         what = f"the fit of the declared model has failed: {why}"
         raise ModelError(what, where=names, remedy=remedy)
     problem, root, spikes, steps = cleaned_inputs(problem, root)
+    least = {name: LEAST_NOISE * std for name, std in measured_noise(root).items()}
+    problem = replace(problem, least_noise=least)
     masked = problem.with_masks(spike_masks(problem, root))
     again = masked.fit((), root)
     if again is None:
         return Declared(problem, root, tuple(spikes), tuple(steps))
     return Declared(masked, again, tuple(spikes), tuple(steps))
+
+
+def measured_noise(fitted: FittedModel) -> dict[str, float]:
+    """Standard deviation of each output's noise, by third differences of its residual.
+
+    Motion hardly reaches these; the median is not moved by single wrong samples.
+    """
+    found: dict[str, float] = {}
+    layout = fitted.fit.layout
+    for i, name in enumerate(fitted.system.output_names):
+        sizes = [
+            float(np.median(np.abs(np.diff(residual[i][problem.valid[i]], 3))))
+            for problem, residual in zip(layout.problems, fitted.fit.residuals, strict=True)
+            if np.count_nonzero(problem.valid[i]) > 4
+        ]
+        if sizes:
+            found[name] = float(np.mean(sizes)) / (0.6745 * math.sqrt(20.0))
+    return found
 
 
 def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutData:

@@ -25,6 +25,7 @@ _REMEMBERED = 4  # steps whose change of gradient is used
 _NOTHING = 1e-3  # of log likelihood: what a step along a direction that the data hardly know may still promise (0.04 sigmas)
 _NEAR = 1.0  # gain of log likelihood by a step below which its change of gradient is taken for curvature at the optimum
 _LEAST_CURVATURE = 0.1  # of what is expected, below which a step tells nothing
+_IDLE = 3  # trials in a row that change the likelihood by less than is enough, after which a fit that is only compared ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +120,7 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
         fit = _sound(evaluate(problem, start, layout.guesses(start)))
         if fit is None:
             return None
-    damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
+    damping, outcome, done, idle = 1e-4, Outcome.MAX_ITERATIONS, 0, 0
     gain = np.inf
     bare, refused = without_sensitivities(problem), 0.0
     curved = bool(noise_model.names)
@@ -134,6 +135,8 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
         # A damping that was too small for the last steps is likely to be so again: the cost alone, which is cheaper, tells that.
         trial = evaluate(bare if damping <= refused else problem, trial_theta, carried(fit, trial_theta))
         most_cost = fit.cost + unresolved(float(fit.counts.sum()))
+        level = trial is not None and abs(trial.cost - fit.cost) < max(settings.enough, _NOTHING)
+        idle = idle + 1 if level else 0
         if damping <= refused and trial is not None and trial.cost <= most_cost:
             trial, refused = evaluate(problem, trial_theta, carried(fit, trial_theta)), 0.0
         if trial is not None and trial.cost <= most_cost and _sound(trial) is not None:
@@ -156,8 +159,10 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
                 # No descent is left: at the optimum if the undamped step says so too.
                 outcome = Outcome.CONVERGED if arrived(model, fit.theta, settings) else Outcome.MAX_ITERATIONS
                 break
+        if idle == _IDLE and settings.enough > 0.0:
+            break
     # Steps along a direction that the data do not know may stay long for ever; the likelihood settles.
-    if done == settings.iterations and gain < _NOTHING and arrived(model, fit.theta, settings):
+    if (done == settings.iterations or idle == _IDLE) and gain < _NOTHING and arrived(model, fit.theta, settings):
         outcome = Outcome.CONVERGED
     return replace(_sound(joined_up(fit)) or fit, outcome=outcome, iterations=done)
 

@@ -38,12 +38,16 @@ class Values:
 
 @dataclass(frozen=True, eq=False)
 class FitData:
-    """What sets of effects are fitted to: records, which of their samples count ``(m, N)`` each, the declared model, its outputs by name."""
+    """What sets of effects are fitted to: records, which of their samples count ``(m, N)`` each, the declared model, its outputs by name.
+
+    ``least_noise`` : smallest measurement noise by output, of fits with process noise.
+    """
 
     records: Sequence[Record]
     masks: Sequence[np.ndarray]
     model: Model
     outputs: Sequence[str]
+    least_noise: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,14 +168,16 @@ def fit_set(
     if start.values is not None or start.added:
         first, guesses = carried(plain, start.values, start.added)
         plain = lay_out(data.records, system, settings, local=local, masks=data.masks, start=first)
-    fit = fit_as_declared(replace(plain, prior=known_beforehand(data.model, effects, plain)), guesses, start.levels)
+    fit = fit_as_declared(replace(plain, prior=known_beforehand(data.model, effects, plain)), guesses, start.levels, data.least_noise)
     return None if fit is None else FittedModel(tuple(effects), data.model, full, system, fit)
 
 
-def fit_as_declared(layout: FitLayout, guesses: list[np.ndarray] | None, levels: Mapping[str, float] | None) -> Fit | None:
+def fit_as_declared(
+    layout: FitLayout, guesses: list[np.ndarray] | None, levels: Mapping[str, float] | None, least: Mapping[str, float] | None = None
+) -> Fit | None:
     """A whole-record fit, with a filter where the system has process noise."""
     if has_process_noise(layout.system):
-        return fit_with_process_noise(layout, guesses, levels)
+        return fit_with_process_noise(layout, guesses, levels, least)
     if projectable(layout) and not quiet(layout):
         return fit_from_best_start(layout) if guesses is None and layout.prior is None else fit_projected(layout, guesses)
     return fit_whole_records(FitProblem(layout), guesses)

@@ -36,7 +36,8 @@ class TraceProblem:
     """Records, the samples that count, the declared model, and what may be added to it.
 
     ``masks`` ``(m, N)`` a record, True where a sample counts. ``candidates`` : effects and guards. ``predicted`` : records that will be
-    predicted; only the ranges they fly through are used. ``progress`` is told what is done, and which share of the work that is.
+    predicted; only the ranges they fly through are used. ``least_noise`` : by output, smallest measurement noise.
+    ``progress`` is told what is done, and which share of the work that is.
     """
 
     records: Sequence[Record]
@@ -47,6 +48,7 @@ class TraceProblem:
     settings: TraceSettings
     predicted: Sequence[Record] = ()
     progress: Callable[[str, float], None] = untold
+    least_noise: Mapping[str, float] = field(default_factory=dict)
     _ended: list[_Ended] = field(default_factory=list, init=False, repr=False)
 
     @property
@@ -57,7 +59,7 @@ class TraceProblem:
     @property
     def data(self) -> FitData:
         """What sets are fitted to."""
-        return FitData(self.records, self.masks, self.model, self.outputs)
+        return FitData(self.records, self.masks, self.model, self.outputs, self.least_noise)
 
     @property
     def roughly(self) -> FitSettings:

@@ -249,6 +249,7 @@ def _by_sets(search: Search, best: Weighed) -> Decision:
     enough = search.visited.get(certain)
     if enough is not None and (is_noise(enough.fitted) or not is_noise(best.fitted)):
         best = enough
+    best = _less_guards(search, best)
     named = [
         Named(effect.name, inclusion[effect.name], _alike(search, best, effect, sets))
         for effect in best.fitted.effects
@@ -263,6 +264,25 @@ def _by_sets(search: Search, best: Weighed) -> Decision:
         verdict = Verdict.TRACED if alone else Verdict.AMBIGUOUS
     told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
     return Decision(verdict, best.fitted, search.root.fitted, told, hints, (search,))
+
+
+def _less_guards(search: Search, best: Weighed) -> Weighed:
+    """The set without its guards, where it leaves noise that is hardly larger.
+
+    A guard says that a cause outside the library acts; one that does so little changes nothing.
+    """
+    guards = search.problem.guards & best.names
+    names = best.names - guards
+    if not guards:
+        return best
+    plain = search.visited.get(names)
+    if plain is None:
+        effects = [each for each in best.fitted.effects if each.name in names]
+        fitted = search.fit(effects, best.fitted)
+        plain = None if fitted is None else search.kept(fitted)
+    if plain is None or not is_noise(plain.fitted):
+        return best
+    return plain if _error_over_noise(plain.fitted, best.fitted) <= SLIGHT else best
 
 
 def _alike(

@@ -46,26 +46,7 @@ IMPROVES = 0.3  # of what the linear world promises
 SHIFTS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # s, by which an event is moved to look for its time
 EDGES = (16, 4, 1)  # times the width of its edges meanwhile
 ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
-LEAST_NOISE = 0.3  # of the noise that high frequencies show: logged signals are filtered
 PROCESS_NOISE_OFFERED = 1e-2  # p-value of a white residual above which rough air is not tried
-
-
-def measured_noise(fitted: FittedModel) -> dict[str, float]:
-    """Standard deviation of each output's noise, by third differences of its residual.
-
-    Motion hardly reaches these; the median is not moved by single wrong samples.
-    """
-    found: dict[str, float] = {}
-    layout = fitted.fit.layout
-    for i, name in enumerate(fitted.system.output_names):
-        sizes = [
-            float(np.median(np.abs(np.diff(residual[i][problem.valid[i]], 3))))
-            for problem, residual in zip(layout.problems, fitted.fit.residuals, strict=True)
-            if np.count_nonzero(problem.valid[i]) > 4
-        ]
-        if sizes:
-            found[name] = float(np.mean(sizes)) / (0.6745 * math.sqrt(20.0))
-    return found
 
 
 def together(one: Traceable, other: Traceable) -> bool:
@@ -117,8 +98,6 @@ class Search:
             )
         self.declared = declared
         self.context: SearchContext = search_context(declared, self.problem.predicted)
-        noise = measured_noise(declared)
-        self.floor = {name: LEAST_NOISE * std for name, std in noise.items()}
         self.families = family_sizes(self.candidates)
 
     @cached_property
@@ -169,8 +148,6 @@ class Search:
         shared = {name: value for one in fresh for name, value in one.items()}
         own = tuple({**mine, **one} for mine, one in zip(values.own, fresh, strict=True))
         levels = levels_of(parent)
-        if levels is not None and self.base:
-            levels = {name: max(std, self.floor.get(name, 0.0)) for name, std in levels.items()}
         start = Start(Values({**shared, **values.shared}, own, values.states), {}, levels)
         return fit_set(self.problem.data, tuple(effects), self.problem.roughly, start)
 

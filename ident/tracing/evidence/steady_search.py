@@ -16,7 +16,6 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
