@@ -27,6 +27,7 @@ class SearchContext:
     state_peak : largest magnitude of each measured state or output, in its unit.
     flown : lowest and highest value of an input, state or output, spikes left out; ``flown_range`` falls back on the peaks.
     residual_peaks : frequencies of peaks in the residual's spectrum, rad/s, strongest first.
+    update_periods : of each output the period, s, at which it would be held between updates if it were.
     airspeed : m/s, where the model has one. values : parameters of the model as fitted, by name.
     """
 
@@ -38,6 +39,7 @@ class SearchContext:
     state_peak: Mapping[str, float] = field(default_factory=lambda: _NONE)
     flown: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
     residual_peaks: tuple[float, ...] = ()
+    update_periods: Mapping[str, float] = field(default_factory=lambda: _NONE)
     airspeed: float = 0.0
     values: Mapping[str, float] = field(default_factory=lambda: _NONE)
 

@@ -12,6 +12,10 @@ from sim.declaration.proposal import SearchContext
 from sim.record import Record
 
 
+_AROUND = 801  # bins of a smoothed spectrum, a hundred of a record's own
+_SLOWEST = 2.0  # Hz: slower updates are motion
+
+
 def search_context(fitted: FittedModel, predicted: Sequence[Record] = (), which: Sequence[int] | None = None) -> SearchContext:
     """The common search context of a fitted model's records, or ``which`` of them: the longest span, the largest inputs, the ranges as fitted.
 
@@ -58,9 +62,41 @@ def search_context(fitted: FittedModel, predicted: Sequence[Record] = (), which:
         state_peak=states,
         flown=flown,
         residual_peaks=spectral_peaks(records, [fit.residuals[r] for r in numbers], [problem.valid for problem in problems], fit.variance),
+        update_periods={
+            name: update_period([record.time for record in records], [line.y[i] for line in lines], [fit.residuals[r][i] for r in numbers])
+            for i, name in enumerate(layout.system.output_names)
+        },
         airspeed=next((fitted.model.parameters[name].value for name in AIRSPEEDS if name in fitted.model.parameters), 0.0),
         values=dict(zip(layout.system.parameters.names, layout.split(fit.theta, 0)[0].tolist(), strict=True)),
     )
+
+
+def update_period(times: Sequence[np.ndarray], predicted: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> float:
+    """The period, s, at which an output is most likely held between updates.
+
+    A held output is late by a sawtooth that grows from nothing to the period: its residual is minus that times the output's slope. The
+    product of residual and slope has a line at the frequency of the updates.
+
+    Parameters
+    ----------
+    times, predicted, residuals : of each record ``(N,)``, s and the output's unit.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    interval = float(np.median(np.concatenate([np.diff(time) for time in times])))
+    longest = max(len(time) for time in times)
+    size = 8 * longest
+    power = np.zeros(size // 2 + 1)
+    for values, residual in zip(predicted, residuals, strict=True):
+        product = residual * np.gradient(values)
+        power += np.abs(np.fft.rfft((product - product.mean()) * np.hanning(len(product)), size)) ** 2
+    frequency = np.fft.rfftfreq(size, interval)
+    # What the maneuver itself brings falls with frequency: a line stands out of what is around it.
+    around = uniform_filter1d(power, _AROUND)
+    inside = (frequency > _SLOWEST) & (frequency < 0.5 / interval)
+    height = np.where(inside, power / np.maximum(around, 1e-300), 0.0)
+    at = int(np.argmax(height))
+    return 1.0 / float(frequency[at]) if height[at] > 0 else np.inf
 
 
 def spectral_peaks(

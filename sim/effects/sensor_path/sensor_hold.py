@@ -36,7 +36,7 @@ class SensorHold:
     any sample changing its update, so that slopes and sigmas exist: they are those of the value interpolated at the time of the update,
     d y/d period = -k y_dot there. Where the sensor runs on a clock of its own, samples just before an update show it too early, by half an
     interval at most; the fit spreads that over the phase. Which update a sample shows is found by trying: only periods of whole samples are
-    proposed to a search.
+    proposed to a search, and the period that the residual shows.
 
     Attributes
     ----------
@@ -85,10 +85,14 @@ class SensorHold:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The whole change at periods of whole samples, at every phase: a fit does not move an update from one sample to the next."""
+        """The whole change at periods of whole samples and that of the residual, at every phase: a fit moves no update from sample to sample."""
         interval = context.interval
-        tried = [(every, first) for every in EVERY if 0 < every * interval <= LONGEST for first in range(every)]
-        return [Probe({"period": every * interval, "phase": first * interval}) for every, first in tried]
+        periods = [every * interval for every in EVERY if 0 < every * interval <= LONGEST]
+        found = context.update_periods.get(self.channel)
+        if found is not None and 1.5 * interval < found <= LONGEST:
+            periods.append(found)
+        tried = [(period, first * interval) for period in periods for first in range(round(period / interval))]
+        return [Probe({"period": period, "phase": phase}) for period, phase in tried]
 
     def fitted_to(self, context: SearchContext) -> SensorHold:
         """The same for that record's sampling interval."""
