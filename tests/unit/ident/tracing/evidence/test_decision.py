@@ -8,6 +8,7 @@ import pytest
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Verdict
 from ident.tracing.evidence.decision import decided, is_noise, searched
+from ident.tracing.evidence.steady_search import quiet_vuong
 from ident.tracing.loop import diagnose
 from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for
@@ -16,6 +17,7 @@ from sim.record import Record
 from sim.truth.noise import coloured_noise
 from tests.diagnoses import NOISE
 from tests.tracing_problem import OUTPUTS, declared, planted, problem_of, with_output
+from tests.turbulence import rough_record
 
 LATE, ARM = "sensor-delay:alpha", "vane-offset"
 SHORT = 1.5  # m: what so short a boom changes hides in the noise
@@ -101,6 +103,29 @@ def test_an_event_is_placed_to_a_sample() -> None:
     assert [each.name for each in found.named] == ["sensor-step:q"]
     (own,) = found.best.values.own
     assert own["sensor-step:q.at"] == pytest.approx(4.343, abs=0.03)
+
+
+def test_rough_air_acts_while_the_aircraft_hardly_moves() -> None:
+    """Gusts all along, and an error that follows the motion: a filter takes both for rough air."""
+    gust = effect("gust-turbulence")
+    rough = rough_record(np.random.default_rng(3), 1001)
+    moved = rough_record(np.random.default_rng(3), 1001, intensity=1e-6)
+    rng = np.random.default_rng(3)
+    motion = {each.name: each.values for each in moved.outputs}
+    share = np.abs(motion["q"]) / np.max(np.abs(motion["q"]))
+    for name in OUTPUTS:
+        error = coloured_noise(rng, moved.time, 8.0 * NOISE[name], 0.5) * share
+        moved = with_output(moved, name, motion[name] + error)
+    z = []
+    for record in (rough, moved):
+        problem = offered([record])
+        less = problem.fit((), None)
+        assert less is not None
+        more = problem.fit((gust,), less)
+        assert more is not None
+        z.append(quiet_vuong(more, less, less, float(np.median(np.diff(record.time)))))
+    assert z[0] > 3.0
+    assert z[1] < 2.0
 
 
 def test_white_noise_decides_where_a_discrepancy_is_less_probable() -> None:
