@@ -295,8 +295,8 @@ class Search:
         """The set of largest posterior probability."""
         return max(self.visited.values(), key=lambda one: one.weight)
 
-    def expand(self, parent: Weighed, most: int = LEADERS) -> None:
-        """Scan at a set, weigh sets of leads there, fit the leaders."""
+    def expand(self, parent: Weighed, most: int = LEADERS, deepest: int | None = None) -> None:
+        """Scan at a set, weigh sets of leads there (up to ``deepest``), fit the leaders."""
         self.expanded.add(parent.names)
         beside = " + ".join(sorted(self.added(parent))) or "the declared model"
         doing, share = f"{self.title}: what is missing beside {beside}", self.fits / 100.0
@@ -307,7 +307,7 @@ class Search:
             for each in parent.fitted.effects
             if not (each.traits.background or each in self.base)
         ]
-        deeper = self.problem.settings.depth - len(causes)
+        deeper = self.problem.settings.depth - len(causes) if deepest is None else deepest
         if deeper > 0:
             made = [
                 child

@@ -16,6 +16,7 @@ References
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -68,7 +69,8 @@ def quiet_vuong(
     """Vuong's test in the half of the blocks in which the declared model moves least.
 
     Rough air acts whether or not the aircraft is maneuvered. What else is missing and resembles
-    it follows the maneuver.
+    it follows the maneuver. The noise of both sets is estimated anew there: what a maneuver leaves
+    makes it larger.
 
     Parameters
     ----------
@@ -76,17 +78,45 @@ def quiet_vuong(
         process noise. interval : between samples, s.
     """
     noise = np.sqrt(declared.fit.variance)[:, None]
-    moved, changes = [], []
-    for line, a, b in zip(
-        declared.fit.lines, log_densities(more), log_densities(less), strict=True
-    ):
-        way = np.sum(np.abs(np.diff(line.y, axis=1, prepend=line.y[:, :1])) / noise, axis=0)
-        moved.append(_in_blocks(way, interval))
-        changes.append(_in_blocks(a - b, interval))
-    gains = np.concatenate(changes)
-    order = np.argsort(np.concatenate(moved), kind="stable")
-    quiet = gains[order[: len(gains) // 2]]
-    return _over_scatter(float(quiet.sum()), quiet)
+    moved = [
+        _in_blocks(
+            np.sum(np.abs(np.diff(line.y, axis=1, prepend=line.y[:, :1])) / noise, axis=0), interval
+        )
+        for line in declared.fit.lines
+    ]
+    blocks = np.concatenate(moved)
+    order = np.argsort(blocks, kind="stable")
+    inside = np.zeros(len(blocks), dtype=bool)
+    inside[order[: len(blocks) // 2]] = True
+    size = max(2, round(BLOCK / interval))
+    records = np.split(inside, np.cumsum([len(each) for each in moved])[:-1])
+    quiet = [
+        np.repeat(mine, size)[: line.y.shape[1]]
+        for mine, line in zip(records, declared.fit.lines, strict=True)
+    ]
+    pairs = zip(_densities_within(more, quiet), _densities_within(less, quiet), strict=True)
+    gains = np.concatenate([_in_blocks(a - b, interval) for a, b in pairs])[inside]
+    return _over_scatter(float(gains.sum()), gains)
+
+
+def _densities_within(fitted: FittedModel, inside: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """``log_densities`` with the noise of each output estimated anew from some of the samples."""
+    fit = fitted.fit
+    standard = [
+        np.where(problem.valid, residual / np.sqrt(fit.variance)[:, None], 0.0)
+        for problem, residual in zip(fit.layout.problems, fit.residuals, strict=True)
+    ]
+    squared = sum(np.sum(e[:, mine] ** 2, axis=1) for e, mine in zip(standard, inside, strict=True))
+    count = sum(
+        np.count_nonzero(problem.valid[:, mine], axis=1)
+        for problem, mine in zip(fit.layout.problems, inside, strict=True)
+    )
+    level = np.maximum(squared, 1e-12) / np.maximum(count, 1)
+    out = []
+    for problem, e, plain in zip(fit.layout.problems, standard, log_densities(fitted), strict=True):
+        anew = np.where(problem.valid, (e**2) / level[:, None] + np.log(level)[:, None], 0.0)
+        out.append(plain + 0.5 * np.sum(e**2 - anew, axis=0))
+    return out
 
 
 def _in_blocks(row: np.ndarray, interval: float) -> np.ndarray:
@@ -162,7 +192,7 @@ def spread_search(search: Search) -> Weighed:
     leader, interval = search.root, search.context.interval
     for _ in range(DEEPEST):
         if leader.names not in search.expanded:
-            search.expand(leader)
+            search.expand(leader, deepest=1)
         good = [
             one
             for key, one in search.visited.items()

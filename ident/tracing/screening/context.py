@@ -11,7 +11,6 @@ from sim.declaration.parameters import AIRSPEEDS
 from sim.declaration.proposal import SearchContext
 from sim.record import Record
 
-
 _AROUND = 801  # bins of a smoothed spectrum, a hundred of a record's own
 _SLOWEST = 2.0  # Hz: slower updates are motion
 

@@ -70,7 +70,10 @@ def held_out(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.
     frozen = _others(fitted, records, masks).fit_event_by_event()
     if not informed:
         return HeldOut(None if frozen is None else frozen.fit, None)
-    freer = _others(fitted, records, masks, training_prior(fitted)).fit_event_by_event()
+    freer = None if frozen is None else _others(fitted, records, masks, training_prior(fitted)).fit(fitted.effects, frozen)
+    if freer is None or doubted(HeldOut(None, freer.fit)):
+        by_event = _others(fitted, records, masks, training_prior(fitted)).fit_event_by_event()
+        freer = min((each for each in (freer, by_event) if each is not None), key=lambda each: each.fit.cost, default=None)
     if freer is not None and not has_process_noise(fitted.system) and doubted(HeldOut(None, freer.fit)):
         prior = prior_where_both_meet(fitted, freer, masks)
         nearer = _others(fitted, records, masks, prior).fit_event_by_event() if prior is not None else None
