@@ -194,7 +194,8 @@ class Search:
         for _ in range(2):
             top = self.best()
             members = sorted(self.added(top))
-            if len(members) > 1:
+            # A pair is found by the scans that lead to it; larger sets may stand for another pair.
+            if len(members) > 2:
                 self._beside_others()
             for name in members if len(members) > 1 else ():
                 less = self.without(top, name)
