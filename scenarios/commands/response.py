@@ -21,6 +21,7 @@ def respond(
     options: tuple[tuple[float, float] | None, tuple[float, ...], int, float],
     fit: tuple[Texts, Texts, bool],
     bandwidth: str | None,
+    margins: str | None,
     out: Path | None,
     figures: Formats,
 ) -> None:
@@ -28,8 +29,9 @@ def respond(
 
     ``names`` : inputs, outputs, references. ``options`` : band, windows, tapers, least coherence.
     ``fit`` : forms, fixed parameters, shared poles. ``bandwidth`` : rate or attitude, what the outputs are.
+    ``margins`` : minus or plus, how the loop takes back the output.
     """
-    found = responses_of(request, Names(*names), Options(*options), FitOptions(*fit), bandwidth)
+    found = responses_of(request, Names(*names), Options(*options), FitOptions(*fit), bandwidth, margins)
     if out is not None:
         from scenarios.responses.files import write_responses
 

@@ -18,6 +18,7 @@ from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.page.named import Drawn
 from scenarios.responses.analysis import Responses, pairs
 from scenarios.responses.fitting import Fits, envelope_sentence
+from scenarios.responses.loops import margins_content
 from scenarios.responses.page import responses_page
 
 MAIN = "responses.json"
@@ -62,6 +63,10 @@ def write_responses(found: Responses, folder: str | Path, *, figures: Formats = 
                     )
                     for n in range(1, len(found.qualities) + 1)
                 ]
+            if found.loop is not None:
+                from scenarios.plots.responses import figure_margins
+
+                named.append(("loop", partial(figure_margins, found)))
             drawn = drawn_for_page(named, scratch, figures)
         write_text(scratch / TABLE, responses_csv(found))
         write_page(scratch, responses_page(found, drawn))
@@ -153,6 +158,7 @@ def responses_content(found: Responses) -> dict[str, Any]:
         "parts": [{"name": name, "duration_s": duration} for name, duration in parts],
         "responses": responses,
         **({"fits": _fits_content(found, found.fits)} if found.fits is not None else {}),
+        **({"margins": margins_content(found.loop)} if found.loop is not None else {}),
         "notes": list(found.notes),
         "warnings": list(found.cautions),
         "inputs": {

@@ -349,6 +349,16 @@ IDENT = (
         ("- p[DELAY]", "+ p[DELAY]"),
     ),
     *changes(
+        "ident/flying_qualities/stability_margins.py",
+        ("tests/unit/ident/flying_qualities/test_stability_margins.py",),
+        ("np.angle(-target.response)", "np.angle(target.response)"),
+        ("away = np.abs(1.0 + target.response)", "away = np.abs(1.0 - target.response)"),
+        ("return _Near(-gain.value,", "return _Near(gain.value,"),
+        ("spare = limit - near.apart**2", "spare = limit - 2.0 * near.apart**2"),
+        ("return _Near(angle / at,", "return _Near(angle * at,"),
+        ("0.5 * (1.0 - LEVEL) / len(known)", "0.5 * (1.0 - LEVEL)"),
+    ),
+    *changes(
         "ident/frequency_response/multitaper.py",
         ("tests/unit/ident/frequency_response/test_multitaper.py",),
         ("np.abs(between) ** 2", "np.abs(between)"),

@@ -76,6 +76,15 @@ Bandwidth = Annotated[
         help="Bandwidth and phase delay of outputs that are a rate or an attitude.",
     ),
 ]
+Margins = Annotated[
+    str | None,
+    typer.Option(
+        "--margins",
+        metavar="SIGN",
+        autocompletion=of("minus", "plus"),
+        help="Stability margins of a loop whose output returns into the input with this sign.",
+    ),
+]
 Coherence = Annotated[float, typer.Option("--coherence", metavar="C", help="Least coherence of the usable band.")]
 
 
@@ -101,6 +110,7 @@ def response(
     fix: Fix = None,
     shared_poles: Shared = False,
     bandwidth: Bandwidth = None,
+    margins: Margins = None,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -127,6 +137,7 @@ def response(
             (band, tuple(window or ()), tapers, coherence),
             (tuple(fit or ()), tuple(fix or ()), shared_poles),
             bandwidth,
+            margins,
             told.out,
             told.figures,
         )
