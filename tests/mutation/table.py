@@ -369,6 +369,23 @@ IDENT = (
         ("/ (2.0 * step)", "/ step"),
     ),
     *changes(
+        "ident/frequency_domain/online.py",
+        ("tests/unit/ident/frequency_domain/test_online.py",),
+        ("0.125 * step * (begin_ - end)", "0.125 * step * (end - begin_)"),
+        ("less = plain - taken / np.outer(scale, scale)", "less = plain"),
+        ("_THIRD = 20.0", "_THIRD = 2.0"),
+        ("np.maximum(found, 1e-3 * max(float(found.max()), floor))", "np.maximum(0.1 * found, 1e-3 * max(float(found.max()), floor))"),
+        ("total += 0.5 * alike[k, m] * both.real", "total += 0.1 * alike[k, m] * both.real"),
+        ("np.where(lag >= 0, sums.apart[np.abs(lag)], sums.apart[np.abs(lag)].conj())", "np.where(lag == 0, sums.apart[0], 0.0)"),
+    ),
+    *changes(
+        "ident/frequency_domain/online_lag.py",
+        ("tests/unit/ident/frequency_domain/test_online.py",),
+        ("second * (1.0 - first) * before", "(1.0 - first) * before"),
+        ("integral = area - delta / lag", "integral = area + delta / lag"),
+        ("(ends[0] - ends[1]) / (2.0 * reach)", "(ends[0] - ends[1]) / reach"),
+    ),
+    *changes(
         "ident/frequency_domain/transform.py",
         ("tests/unit/ident/frequency_domain/test_response.py",),
         ("(count + 1) // 2", "count // 2 + 1"),
