@@ -84,6 +84,18 @@ ONCE_UNNOTICED = (
         ),
     ),
     *changes(
+        "scenarios/maneuver_design/kinds.py",
+        ("tests/unit/scenarios/maneuver_design/test_coherence.py",),
+        ("room.corner(i) / (low * (high / low) ** at)", "room.corner(i) / low"),
+        ("room.corner(i) * period / (2.0 * math.pi * harmonic)", "room.corner(i) * period / harmonic"),
+    ),
+    *changes(
+        "scenarios/maneuver_design/coherence.py",
+        ("tests/unit/scenarios/maneuver_design/test_coherence.py",),
+        ("clean + noise * rng", "clean + 0.2 * noise * rng"),
+        ("np.minimum(self.random_error, NEED)", "np.maximum(self.random_error, NEED)"),
+    ),
+    *changes(
         "scenarios/maneuver_design/setting.py",
         SETTING,
         ("np.exp(np.mean(np.log(quick)))", "np.mean(quick)"),
