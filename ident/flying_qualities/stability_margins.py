@@ -147,9 +147,10 @@ def stability_margins(target: Target) -> StabilityMargins:
     """
     curve = loop_curve(target)
     whole = 360.0 * np.arange(math.ceil(curve.phase.min() / 360.0), math.floor(curve.phase.max() / 360.0) + 1)
-    turns = [_crossings(curve, curve.phase - level, curve.phase_std) for level in whole]
-    gains = [_across(curve, "gain", *each) for crossings in turns for each in crossings]
-    crossings = _crossings(curve, curve.gain, curve.gain_std)
+    every = [_crossings(curve, curve.phase - level, curve.phase_std) for level in whole]
+    turns, vague = _determined([each for crossings in every for each in crossings])
+    gains = [_across(curve, "gain", *each) for each in turns]
+    crossings, lost = _determined(_crossings(curve, curve.gain, curve.gain_std))
     phases = [_across(curve, "phase", *each) for each in crossings]
     delays = [_across(curve, "delay", *each) for each in crossings]
     distance = _least_distance(curve)
@@ -159,6 +160,9 @@ def stability_margins(target: Target) -> StabilityMargins:
         notes.append(f"no gain margin: no phase of -180 deg; {band}")
     if not phases:
         notes.append(f"no phase margin: no gain of 0 dB; {band}")
+    for what, places in (("phase of -180 deg", vague), ("gain of 0 dB", lost)):
+        for at in places:
+            notes.append(f"a {what} near {at:.3g} rad/s is not determined, and no margin there")
     if distance is None:
         notes.append(f"no least distance from -1: it falls towards an end of the band; {band}")
     ordered = [sorted(each, key=lambda margin: margin.frequency.value) for each in (gains, phases)]
@@ -187,6 +191,12 @@ def _crossings(curve: LoopCurve, values: np.ndarray, std: np.ndarray) -> list[tu
         if all(abs(math.log(at / other)) > 0.5 * REACH for other, _, _ in out):
             out.append((at, near.slope, near.std))
     return out
+
+
+def _determined(found: list[tuple[float, float, float]]) -> tuple[list[tuple[float, float, float]], list[float]]:
+    """Crossings whose frequency is known to within the reach of the parabola, and where the others are."""
+    known = [(at, slope, std) for at, slope, std in found if std <= REACH * abs(slope)]
+    return known, [at for at, slope, std in found if std > REACH * abs(slope)]
 
 
 def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) -> Margin:

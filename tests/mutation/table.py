@@ -84,6 +84,13 @@ ONCE_UNNOTICED = (
         ),
     ),
     *changes(
+        "scenarios/trials/sweeps/flight.py",
+        ("tests/unit/scenarios/trials/sweeps/test_sweeps.py",),
+        ("decay * p + now * late[n + 1] + before * late[n]", "decay * p + now * late[n] + before * late[n + 1]"),
+        ("later ** (whole + 1) * (now", "later ** whole * (now"),
+        ("loop.integral / loop.rate / (1.0 - later)", "loop.integral * loop.rate / (1.0 - later)"),
+    ),
+    *changes(
         "scenarios/maneuver_design/kinds.py",
         ("tests/unit/scenarios/maneuver_design/test_coherence.py",),
         ("room.corner(i) / (low * (high / low) ** at)", "room.corner(i) / low"),

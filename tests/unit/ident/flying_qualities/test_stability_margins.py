@@ -173,3 +173,11 @@ def test_flown_margins_hold_the_known_ones_in_ninety_five_of_a_hundred(airframe:
     shares = shares_inside(airframe, 100)
     assert all(0.90 <= share <= 1.0 for share in shares.values()), shares
     assert np.mean(list(shares.values())) >= 0.93
+
+
+def test_a_crossing_that_is_not_determined_is_said_and_is_no_margin() -> None:
+    """A gain that runs along 0 dB with errors of its own size."""
+    flat = np.exp(-1j * (0.4 + 0.01 * OMEGA)) * (1.0 + 0.002 * np.log(OMEGA / 5.0))
+    found = stability_margins(target(flat, share=0.2))
+    assert found.phase is None and found.delay is None
+    assert any("gain of 0 dB near" in note and "not determined" in note for note in found.notes)

@@ -184,3 +184,16 @@ def test_bad_bands_are_one_line(vehicle: Path, tmp_path: Path, capsys: pytest.Ca
     shown = capsys.readouterr()
     assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err
     assert not (tmp_path / "plan").exists()
+
+
+def test_a_sweep_is_smaller_where_it_is_fast() -> None:
+    """Peaks of single periods: full until the corner, then falling as one over the frequency."""
+    one = room((4.0,), inputs=1, band=(1.0, 16.0))
+    rows = sweeps(one, 0.2)
+    assert rows is not None
+    share = (one.time - one.lead) / one.active
+    sizes = []
+    for at in (0.25, 0.5, 0.75):  # 2, 4 and 8 rad/s
+        near = np.abs(share - at) < 0.04 / at
+        sizes.append(float(np.max(np.abs(rows[0][near]))))
+    assert sizes[1] == pytest.approx(sizes[0], rel=0.15) and sizes[2] == pytest.approx(0.5 * sizes[0], rel=0.2)
