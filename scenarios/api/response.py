@@ -21,6 +21,7 @@ from scenarios.api.shown.report import write_report
 from scenarios.plots.formats import formats_wanted
 from scenarios.responses import analysis
 from scenarios.responses.fitting import FitOptions
+from scenarios.responses.qualities import LevelOptions
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError
 
@@ -121,6 +122,14 @@ class FrequencyResponse:
         worst: Any = {} if loop is None else margins_content(loop).get("worst", {})
         return dict(worst)
 
+    @property
+    def levels(self) -> dict[str, dict[str, tuple[int, int, int]]]:
+        """Level of each quantity of a fitted form by response: level (4: outside all), best and worst
+        within two standard deviations."""
+        return {
+            each.name: {one.quality.name: (one.level, one.best, one.worst) for one in each.levels} for each in self.details.qualities if each.levels
+        }
+
     def to_transfer_function(self, output: str | None = None, input: str | None = None, pade: int = 2) -> control.TransferFunction:
         """The fitted transfer function of one response as python-control's.
 
@@ -200,6 +209,8 @@ def frequency_response(
     shared_poles: bool = False,
     bandwidth: str | None = None,
     margins: str | None = None,
+    levels: str | None = None,
+    airspeed: float | None = None,
 ) -> FrequencyResponse:
     """Estimate frequency responses from records: ``flightid response`` in Python.
 
@@ -220,6 +231,8 @@ def frequency_response(
     margins : ``"minus"`` or ``"plus"``: stability margins of a loop. ``input`` is the signal behind
         the sum, ``output`` the one that returns into it with this sign, ``reference`` the
         excitation that is added.
+    levels : class of aircraft and category of flight phase, ``"IV-A"``: levels of fitted forms.
+    airspeed : m/s: n/alpha and CAP of a fitted ``"pitch"``.
 
     Raises
     ------
@@ -233,7 +246,7 @@ def frequency_response(
     forms = tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else _names(fit)
     held = tuple(f"{name}={float(value)!r}" for name, value in (fix or {}).items())
     wanted = FitOptions(forms, held, shared_poles)
-    return FrequencyResponse(analysis.responses_of(request, names, options, wanted, bandwidth, margins))
+    return FrequencyResponse(analysis.responses_of(request, names, options, wanted, bandwidth, margins, LevelOptions(levels, airspeed)))
 
 
 def _margin(one: Margin) -> dict[str, float]:

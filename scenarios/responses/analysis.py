@@ -29,7 +29,7 @@ from scenarios.files.sources import InputFile
 from scenarios.preparation.request import Request, column_choices
 from scenarios.responses.fitting import FitOptions, Fits, fit_cautions, fits_of
 from scenarios.responses.loops import LoopMargins, loop_margins_of, refuse_loop
-from scenarios.responses.qualities import Qualities, qualities_of, refuse_kind
+from scenarios.responses.qualities import NO_LEVELS, LevelOptions, Qualities, qualities_of, refuse_kind
 from scenarios.responses.reading import Names, ReadSignals, read_signals
 from sim.errors import DeclarationError, RecordError
 from sim.record import Hold
@@ -144,12 +144,13 @@ def responses_of(
     fit: FitOptions | None = None,
     bandwidth: str | None = None,
     margins: str | None = None,
+    limits: LevelOptions = NO_LEVELS,
 ) -> Responses:
     """Estimate the responses of the records of a request, pooled.
 
     ``fit`` : transfer functions. ``bandwidth`` : what the outputs are, ``"rate"`` or ``"attitude"``,
     for bandwidth and phase delay. ``margins`` : how the loop takes back the output, ``"minus"`` or
-    ``"plus"``, for stability margins.
+    ``"plus"``, for stability margins. ``limits`` : of the levels of fitted forms.
 
     Raises
     ------
@@ -183,7 +184,7 @@ def responses_of(
         (*cautions_of(found, direct, names), *fit_cautions(fits), *(loop.cautions if loop else ())),
         all(file.sidecar.simulated for file in files),
         fits,
-        qualities_of(found, names, bandwidth, fits),
+        qualities_of(found, names, bandwidth, fits, limits),
         loop,
     )
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.flying_qualities.handling_qualities import Level
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json, write_text
@@ -208,6 +209,17 @@ def _fits_content(found: Responses, fits: Fits) -> dict[str, Any]:
     }
 
 
+def _level_content(level: Level) -> dict[str, Any]:
+    return {
+        "quantity": level.quality.name,
+        "category": level.criterion.category,
+        "level": level.level,
+        "best": level.best,
+        "worst": level.worst,
+        "source": level.criterion.source,
+    }
+
+
 def _qualities_content(found: Responses) -> list[dict[str, Any]]:
     return [
         {
@@ -215,6 +227,7 @@ def _qualities_content(found: Responses) -> list[dict[str, Any]]:
             "input": found.names.inputs[each.place[1]],
             **{name: {"value": number.value, "std": number.std, "unit": unit} for name, (number, unit) in each.numbers.items()},
             "notes": list(each.bandwidth.notes) if each.bandwidth is not None else [],
+            **({"levels": [_level_content(level) for level in each.levels]} if each.levels else {}),
         }
         for each in found.qualities
     ]

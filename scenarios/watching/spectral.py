@@ -243,7 +243,17 @@ def spectral_content(session: SpectralSession) -> dict[str, Any]:
     """The last estimate for ``comparison.json``."""
     found = last_estimate(session)
     if found is None:
-        return {"method": METHOD, "parameters": {}, "undetermined": undetermined(session)}
+        nothing, unknown = Outcome.NOT_IDENTIFIABLE, undetermined(session)
+        return {
+            "method": METHOD,
+            "parameters": {},
+            "fixed": {},
+            "derived": {},
+            "outcome": nothing.code,
+            "outcome_sentence": nothing.value,
+            "undetermined": unknown,
+            "warnings": [f"{UNKNOWN} by this stream: {', '.join(unknown)}"],
+        }
     each = zip(found.names, found.units, found.values.tolist(), found.std.tolist(), strict=True)
     rows = tuple(Row(*one) for one in each)
     held = [item for item in session.system.parameters if not item.free and not item.name.startswith("bias_")]

@@ -85,6 +85,15 @@ Margins = Annotated[
         help="Stability margins of a loop whose output returns into the input with this sign.",
     ),
 ]
+Levels = Annotated[
+    str | None,
+    typer.Option(
+        "--levels",
+        metavar="CLASS-CATEGORY",
+        help="Levels of fitted forms: class I, II-C, II-L, III, IV and flight phase A, B, C, as in IV-A.",
+    ),
+]
+Airspeed = Annotated[float | None, typer.Option("--airspeed", metavar="V", help="m/s; n/alpha and CAP of a fitted pitch rate.")]
 Coherence = Annotated[float, typer.Option("--coherence", metavar="C", help="Least coherence of the usable band.")]
 
 
@@ -111,6 +120,8 @@ def response(
     shared_poles: Shared = False,
     bandwidth: Bandwidth = None,
     margins: Margins = None,
+    levels: Levels = None,
+    airspeed: Airspeed = None,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -138,6 +149,7 @@ def response(
             (tuple(fit or ()), tuple(fix or ()), shared_poles),
             bandwidth,
             margins,
+            (levels, airspeed),
             told.out,
             told.figures,
         )

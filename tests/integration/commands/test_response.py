@@ -412,3 +412,38 @@ def test_bad_loops_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert typed("response", path, *words) == 2
     shown = capsys.readouterr()
     assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err
+
+
+def test_levels_of_fitted_forms(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    time, target, rate = chirp_flight()
+    path, out = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8]), tmp_path / "roll"
+    words = ("--input", "a", "--output", "b", "--fit", "roll", "--levels", "IV-A")
+    assert typed("response", path, *words, "--out", out) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "b/a: roll time constant 0.0" in printed and "roll time constant: level 1 (MIL-F-8785C 3.3.1.2, table VII)" in printed
+    (one,) = json.loads((out / "responses.json").read_text())["flying_qualities"]
+    assert one["roll_time_constant"]["value"] == pytest.approx(LAG, rel=0.05)
+    assert {each["quantity"]: each["level"] for each in one["levels"]} == {"roll_time_constant": 1, "total_delay": 1}
+    found = fid.frequency_response(path, "a", "b", fit="roll", levels="IV-A")
+    assert found.levels["b/a"]["roll_time_constant"] == (1, 1, 1)
+    pitch = fid.frequency_response(path, "a", "b", fit="pitch", airspeed=90.0)
+    assert "control_anticipation" in pitch.flying_qualities["b/a"] and pitch.levels == {}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--levels", "V-A"], "'V-A' is no class and category"),
+        (["--levels", "IV"], "'IV' is no class and category"),
+        (["--levels", "IV-A"], "no form is fitted"),
+        (["--fit", "0/1", "--levels", "IV-A"], "no form is fitted"),
+        (["--airspeed", "90"], "no pitch rate is fitted"),
+        (["--fit", "pitch", "--airspeed", "-1"], "no airspeed"),
+    ],
+)
+def test_bad_levels_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
+    time, target, rate = chirp_flight()
+    path = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8])
+    assert typed("response", path, "--input", "a", "--output", "b", *words) == 2
+    shown = capsys.readouterr()
+    assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err

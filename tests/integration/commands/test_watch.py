@@ -467,3 +467,17 @@ def test_a_reference_of_the_same_model(flightid: CommandLine, measured: Path, tm
     printed = flightid.done("watch", *words, "--until-end", "--reference", tmp_path / "study", "--out", tmp_path / "out")
     assert "off, sigmas" in printed and "inside the bounds" in printed
     assert comparison(tmp_path / "out")["reference"]["differences"]
+
+
+def test_a_stream_that_is_too_short_has_no_number(flightid: CommandLine, measured: Path, tmp_path: Path) -> None:
+    rows = (measured / "rigid.csv").read_text().splitlines()[:20]
+    (tmp_path / "short.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "short.json").write_text((measured / "rigid.json").read_text())
+    words = ("watch", tmp_path / "short.csv", "--model", "rigid", "--vehicle", measured / "rigid.toml", "--until-end")
+    printed = flightid.done(*words, "--out", tmp_path / "out")
+    assert "not determined by this stream: CL_alpha" in printed
+    content = comparison(tmp_path / "out")
+    assert content["parameters"] == {} and content["undetermined"][0] == "CL_alpha" and content["outcome"]
+    (tmp_path / "empty.csv").write_text("")
+    refused = flightid.refused("watch", tmp_path / "empty.csv", "--model", "rigid", "--vehicle", measured / "rigid.toml", "--until-end")
+    assert "the stream is empty" in refused
