@@ -27,9 +27,10 @@ from ident.frequency_domain.online import (
 from sim.declaration.system import System
 
 LAG, DELAY, STATE = "inv_tau", "delay", "delta"
-LEAST_LAG, MOST_LAG, LATEST = 0.5, 200.0, 0.5  # 1/s, 1/s, s
+SHORTEST, LONGEST, LATEST = 0.005, 2.0, 0.5  # s, of the lag's time constant, and of the delay
 FACTORS = (1.0, 0.4, 2.5)  # of the lag, from which a search begins
-STEPS, SHARES = 6, (1.0, 0.3, 0.1)
+AGAIN = 2  # times as many rows as at the last search from everywhere: the next one
+STEPS, SHARES = 8, (1.0, 0.3, 0.1, 0.03)
 MOST_ROWS = 6000  # that the pseudo-control is filtered over anew: two and a half minutes at 40 Hz
 
 
@@ -42,7 +43,8 @@ class LagStream:
     equations : with lag and delay held. sums : of the rows so far, the pseudo-control at zero.
     times, stick : of the rows, ``(N,)``. turns : ``(N, F)``, exp(-j omega t).
     slopes : ``(e, q)``, how the regressors go with the pseudo-control.
-    place : the last lag, 1/s, and delay, s; ``searched``: whether they were found already.
+    place : the last time constant of the lag and delay, s; ``searched``: rows at the last search from
+        everywhere.
     """
 
     equations: OnlineEquations
@@ -52,7 +54,7 @@ class LagStream:
     turns: np.ndarray
     slopes: np.ndarray
     place: tuple[float, float]
-    searched: bool = False
+    searched: int = 0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -62,7 +64,8 @@ class LagStream:
 
 def lag_stream(system: System, omega: np.ndarray, measured: Sequence[str]) -> LagStream:
     """A stream without rows. ``system`` : the low-order equivalent, its start where it is searched from."""
-    start = (system.parameters[LAG].value, system.parameters[DELAY].value)
+    lag = 1.0 / max(system.parameters[LAG].value, 1.0 / LONGEST)
+    start = (max(lag, SHORTEST), system.parameters[DELAY].value)
     held = replace(system, parameters=system.parameters.hold([LAG, DELAY]))
     equations = online_equations(held, omega, measured, (STATE,))
     empty = np.zeros(0)
@@ -91,10 +94,11 @@ def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
     if stream.times.size < 4:
         return None, stream
     starts = [stream.place]
-    if not stream.searched:
+    if stream.times.size >= AGAIN * stream.searched:
         step = float(np.median(np.diff(stream.times)))
         delays = np.arange(0.0, 0.3, max(0.03, step))
-        starts = [(factor * stream.place[0], float(delay)) for factor in FACTORS for delay in delays]
+        starts += [(factor * stream.place[0], float(delay)) for factor in FACTORS for delay in delays]
+        stream = replace(stream, searched=stream.times.size)
     found = [(each, one) for one in starts if (each := _at(stream, *one)) is not None]
     if not found:
         return None, stream
@@ -107,7 +111,8 @@ def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
         moved = False
         for share in SHARES:
             step_ = share * both.values[q:]
-            there = (float(np.clip(place[0] + step_[0], LEAST_LAG, MOST_LAG)), float(np.clip(place[1] + step_[1], 0.0, LATEST)))
+            lag, late = place[0] + step_[0], place[1] + step_[1]
+            there = (float(np.clip(lag, SHORTEST, LONGEST)), float(np.clip(late, 0.0, LATEST)))
             trial = _at(stream, *there)
             if trial is not None and trial.cost < best.cost:
                 gained, best, place, moved = best.cost - trial.cost, trial, there, True
@@ -117,24 +122,28 @@ def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
     both = _at(stream, *place, best.values[:q])
     if both is None:
         return None, stream
-    values = np.concatenate([best.values[:q], place])
-    return replace(both, values=values, cost=best.cost), replace(stream, place=place, searched=True)
+    # From the time constant to its inverse, which the parameter is.
+    turn = np.ones(q + 2)
+    turn[q] = -1.0 / place[0] ** 2
+    values = np.concatenate([best.values[:q], [1.0 / place[0], place[1]]])
+    result = replace(both, values=values, covariance=both.covariance * np.outer(turn, turn), cost=best.cost)
+    return result, replace(stream, place=place)
 
 
-def _at(stream: LagStream, lag: float, late: float, values: np.ndarray | None = None) -> OnlineEstimate | None:
-    """The regression with lag and delay given; with ``values`` of the other parameters also over
+def _at(stream: LagStream, time: float, late: float, values: np.ndarray | None = None) -> OnlineEstimate | None:
+    """The regression with time constant of the lag and delay given, s; with ``values`` of the other parameters also over
     small changes of the two, whose coefficients follow."""
     sums = stream.sums
-    filled = sums.regressors + stream.slopes[:, :, None] * _transforms(stream, lag, late)[:, None, :]
+    filled = sums.regressors + stream.slopes[:, :, None] * _transforms(stream, time, late)[:, None, :]
     whole = replace(sums, regressors=filled)
     if values is None:
         return estimate(stream.equations, whole)
     size = stream.slopes @ values
     columns = []
-    for k, reach in enumerate((1e-3 * lag, 1e-4)):
+    for k, reach in enumerate((1e-3 * time, 1e-4)):
         ends = []
         for sign in (1.0, -1.0):
-            there = [lag, late]
+            there = [time, late]
             there[k] += sign * reach
             ends.append(_transforms(stream, *there))
         columns.append(size[:, None] * (ends[0] - ends[1]) / (2.0 * reach))
@@ -156,9 +165,9 @@ def _slopes(equations: OnlineEquations) -> np.ndarray:
     return np.array(rows)
 
 
-def _transforms(stream: LagStream, lag: float, late: float) -> np.ndarray:
+def _transforms(stream: LagStream, time: float, late: float) -> np.ndarray:
     """Of the pseudo-control ``(e, F)``: its integrals from row to row for rates, itself for readings."""
-    delta, whole = pseudo_control(stream.times, stream.stick, lag, late)
+    delta, whole = pseudo_control(stream.times, stream.stick, 1.0 / time, late)
     kept = np.abs(stream.turns[:, 0]) > 0.0
     turns, e = stream.turns[kept], len(stream.equations.states)
     out = np.empty((len(stream.slopes), turns.shape[1]), dtype=complex)

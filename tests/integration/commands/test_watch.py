@@ -481,3 +481,15 @@ def test_a_stream_that_is_too_short_has_no_number(flightid: CommandLine, measure
     (tmp_path / "empty.csv").write_text("")
     refused = flightid.refused("watch", tmp_path / "empty.csv", "--model", "rigid", "--vehicle", measured / "rigid.toml", "--until-end")
     assert "the stream is empty" in refused
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_frequency_and_time_agree_on_the_x29_like_flight(flightid: CommandLine, tmp_path: Path, seed: int) -> None:
+    """The low-order equivalent of the closed loop: both within two deviations, the larger ones, of each other."""
+    flightid.done("simulate", "x29-flight", "--seed", seed, "--out", tmp_path / "flight.csv")
+    flightid.done("watch", tmp_path / "flight.csv", "--model", "loes", "--until-end", "--out", tmp_path / "out")
+    content = comparison(tmp_path / "out")
+    other = content["methods"]["frequency-domain"]["parameters"]
+    for name in set(other) & set(content["parameters"]):
+        one, two = content["parameters"][name], other[name]
+        assert abs(one["estimate"] - two["estimate"]) < 2.0 * max(one["std"], two["std"]), name

@@ -231,9 +231,10 @@ def test_refusals(wrong_one: str) -> None:
 NAMES = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
 
 
-def low_order(seed: int, scale: float) -> tuple[np.ndarray, np.ndarray]:
-    """Values and deviations of the low-order equivalent system, from starts that are a quarter off."""
-    factors = dict(zip(NAMES, (0.8, 1.25) * 4, strict=True))
+def low_order(seed: int, scale: float, lag: float = 0.8) -> tuple[np.ndarray, np.ndarray]:
+    """Values and deviations of the low-order equivalent system, from starts that are a quarter off,
+    that of the lag by a factor."""
+    factors = dict(zip(NAMES, (0.8, 1.25) * 4, strict=True)) | {"inv_tau": lag}
     model = bases.loes_model({name: value * factors.get(name, 1.0) for name, value in bases.LOES_VALUES.items()})
     record = noisy(bases.loes_model(), bases.loes_flight(10.0), np.random.default_rng(seed), offsets=OFFSETS, scale=scale)
     system = compile_model(model)
@@ -257,6 +258,13 @@ LOES_TRUE = np.array([bases.LOES_VALUES[name] for name in NAMES])
 def test_a_low_order_equivalent_without_noise() -> None:
     values, _ = low_order(1, 1e-6)
     np.testing.assert_allclose(values, LOES_TRUE, rtol=3e-3)
+
+
+@pytest.mark.parametrize("lag", [0.15, 8.0])
+def test_a_start_of_the_lag_that_is_far_off_leads_to_the_same(lag: float) -> None:
+    near, std = low_order(2, 1.0)
+    far, _ = low_order(2, 1.0, lag)
+    assert np.all(np.abs(far - near) < 0.2 * std)
 
 
 def test_sigmas_of_a_low_order_equivalent_hold() -> None:
