@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -61,6 +62,16 @@ class Bandwidth:
         command the phase bandwidth counts alone."""
         both = [each for each in (self.phase, self.gain) if each is not None]
         return min(both, key=lambda each: each.value) if len(both) == 2 else None
+
+
+class Curve(Protocol):
+    """Points over frequency whose errors neighbours share: rad/s ``(F,)``, and the effective length
+    of the windows, s."""
+
+    @property
+    def omega(self) -> np.ndarray: ...
+    @property
+    def length(self) -> float: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,6 +187,25 @@ def _crossing(
 
 def _line(curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float) -> tuple[float, float, float]:
     """Value, slope by ln(omega) and deviation of the value, of a parabola about ``at``."""
+    found = parabola_at(curve, values, std, at)
+    return found.value, found.slope, found.std
+
+
+@dataclass(frozen=True)
+class Parabola:
+    """Value, first and second derivative by ln(omega) of a curve at a frequency; ``std`` : of the value."""
+
+    value: float
+    slope: float
+    curvature: float
+    std: float
+
+
+def parabola_at(curve: Curve, values: np.ndarray, std: np.ndarray, at: float) -> Parabola:
+    """The parabola through the points of a curve about ``at``, rad/s, in ln(omega).
+
+    ``values``, ``std`` : ``(F,)``, of the curve and its errors, which neighbours share as the windows do.
+    """
     x = np.log(curve.omega / at)
     near = np.argsort(np.abs(x))[: max(_FEWEST, int(np.count_nonzero(np.abs(x) <= REACH)))]
     near.sort()
@@ -183,7 +213,8 @@ def _line(curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float) 
     gain = np.linalg.pinv(powers / std[near, None]) / std[near]
     covariance = gain @ _shared(curve, std[near], near) @ gain.T
     found = gain @ values[near]
-    return float(found[0]), float(found[1]), math.sqrt(max(float(covariance[0, 0]), 0.0))
+    spread = math.sqrt(max(float(covariance[0, 0]), 0.0))
+    return Parabola(float(found[0]), float(found[1]), 2.0 * float(found[2]), spread)
 
 
 def _phase_delay(curve: AttitudeCurve, neutral: float) -> Quantity:
@@ -201,7 +232,7 @@ def _phase_delay(curve: AttitudeCurve, neutral: float) -> Quantity:
     return Quantity(-half * slope, half * math.sqrt(max(float(covariance[1, 1]), 0.0)))
 
 
-def _shared(curve: AttitudeCurve, std: np.ndarray, places: np.ndarray) -> np.ndarray:
+def _shared(curve: Curve, std: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Covariance of errors that neighbours share."""
     apart = np.subtract.outer(curve.omega[places], curve.omega[places]) / (2.0 * math.pi)
     return neighbour_correlation(apart * curve.length) * np.outer(std, std)

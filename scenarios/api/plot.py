@@ -96,6 +96,13 @@ def bandwidth(found: Responding, number: int = 0) -> Figure:
     return shown(figure_bandwidth(found.details, number))
 
 
+def loop(found: Responding) -> Figure:
+    """A broken-loop response with its stability margins."""
+    from scenarios.plots.responses import figure_margins
+
+    return shown(figure_margins(found.details))
+
+
 def record(given: Recorded) -> Figure:
     """Inputs and outputs against time, angles in degrees."""
     from scenarios.plots.signals import figure_record

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.flying_qualities.stability_margins import Margin
 from ident.frequency_response import LEAST_COHERENCE
 from scenarios.api import plot
 from scenarios.api.asking import Found, Named, Source, Times, plan_from, request_of, with_parts
@@ -20,6 +21,7 @@ from scenarios.api.shown.report import write_report
 from scenarios.plots.formats import formats_wanted
 from scenarios.responses import analysis
 from scenarios.responses.fitting import FitOptions
+from scenarios.responses.qualities import LevelOptions
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError
 
@@ -103,6 +105,31 @@ class FrequencyResponse:
         """Value and standard deviation of every flying quality by response, ``"q/stick"``."""
         return {each.name: {name: (one.value, one.std) for name, (one, _) in each.numbers.items()} for each in self.details.qualities}
 
+    @property
+    def margins(self) -> dict[str, dict[str, float]]:
+        """Stability margins of all records together: ``value``, ``std``, ``low`` and ``high`` of the
+        95 % interval, ``frequency`` in rad/s, by ``"gain_increase"`` and so on; dB, deg, s."""
+        loop = self.details.loop
+        return {} if loop is None else {name: _margin(each) for name, each in loop.margins.named.items()}
+
+    @property
+    def worst_margins(self) -> dict[str, dict[str, Any]]:
+        """The least of each margin over the maneuvers: ``value``, ``half_width`` of the interval that
+        holds for all together, ``maneuver``, ``p_alike``; empty with one maneuver."""
+        from scenarios.responses.loops import margins_content
+
+        loop = self.details.loop
+        worst: Any = {} if loop is None else margins_content(loop).get("worst", {})
+        return dict(worst)
+
+    @property
+    def levels(self) -> dict[str, dict[str, tuple[int, int, int]]]:
+        """Level of each quantity of a fitted form by response: level (4: outside all), best and worst
+        within two standard deviations."""
+        return {
+            each.name: {one.quality.name: (one.level, one.best, one.worst) for one in each.levels} for each in self.details.qualities if each.levels
+        }
+
     def to_transfer_function(self, output: str | None = None, input: str | None = None, pade: int = 2) -> control.TransferFunction:
         """The fitted transfer function of one response as python-control's.
 
@@ -141,8 +168,9 @@ class FrequencyResponse:
 
     @property
     def plot(self) -> plot.Figures:
-        """Figures of this result: ``found.plot.response()``, ``mismatch()``, ``bandwidth()``."""
-        return plot.Figures(self, plot.response, plot.mismatch, plot.bandwidth)
+        """Figures of this result: ``found.plot.response()``, ``mismatch()``, ``bandwidth()``,
+        ``loop()``."""
+        return plot.Figures(self, plot.response, plot.mismatch, plot.bandwidth, plot.loop)
 
     def __repr__(self) -> str:
         some = ", ".join(f"{output}/{one}" for output in self.outputs for one in self.inputs)
@@ -180,6 +208,9 @@ def frequency_response(
     fix: Mapping[str, float] | None = None,
     shared_poles: bool = False,
     bandwidth: str | None = None,
+    margins: str | None = None,
+    levels: str | None = None,
+    airspeed: float | None = None,
 ) -> FrequencyResponse:
     """Estimate frequency responses from records: ``flightid response`` in Python.
 
@@ -197,6 +228,11 @@ def frequency_response(
         ``"roll"``, ``"dutch-roll"``, ``"roll-and-dutch-roll"``, or orders such as ``"1/2"``.
     fix : parameters of the forms that are held. shared_poles : one denominator for all.
     bandwidth : ``"rate"`` or ``"attitude"``, what the outputs are: gives bandwidth and phase delay.
+    margins : ``"minus"`` or ``"plus"``: stability margins of a loop. ``input`` is the signal behind
+        the sum, ``output`` the one that returns into it with this sign, ``reference`` the
+        excitation that is added.
+    levels : class of aircraft and category of flight phase, ``"IV-A"``: levels of fitted forms.
+    airspeed : m/s: n/alpha and CAP of a fitted ``"pitch"``.
 
     Raises
     ------
@@ -210,7 +246,17 @@ def frequency_response(
     forms = tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else _names(fit)
     held = tuple(f"{name}={float(value)!r}" for name, value in (fix or {}).items())
     wanted = FitOptions(forms, held, shared_poles)
-    return FrequencyResponse(analysis.responses_of(request, names, options, wanted, bandwidth))
+    return FrequencyResponse(analysis.responses_of(request, names, options, wanted, bandwidth, margins, LevelOptions(levels, airspeed)))
+
+
+def _margin(one: Margin) -> dict[str, float]:
+    return {
+        "value": one.size.value,
+        "std": one.size.std,
+        "low": one.low,
+        "high": one.high,
+        "frequency": one.frequency.value,
+    }
 
 
 def _names(given: str | Sequence[str]) -> tuple[str, ...]:

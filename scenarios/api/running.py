@@ -86,6 +86,15 @@ def _loop(name: str, changes: Sequence[str]) -> Runner:
     return Runner(lambda seed, progress: run_loop(scenario, seed), write_loop, _on_console(print_loop), _as_text(print_loop))
 
 
+def _sweep(name: str, changes: Sequence[str]) -> Runner:
+    from scenarios.studies.catalogue import load_document
+    from scenarios.trials.sweeps.declaration import sweep_scenario_of
+    from scenarios.trials.sweeps.study import print_sweep, run_sweep, write_sweep
+
+    run = partial(run_sweep, sweep_scenario_of(*load_document(name, changes)))
+    return Runner(run, write_sweep, _on_console(print_sweep), _as_text(print_sweep))
+
+
 def _flown_only(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.studies.catalogue import scenario_file
 
@@ -124,6 +133,7 @@ LOADERS: Mapping[str, Callable[[str, Sequence[str]], Runner]] = {
     "identification": _identification,
     "trace": _trace,
     "x29": _loop,
+    "sweep": _sweep,
     "jsbsim": _flown_only,
 }
 
@@ -132,6 +142,16 @@ def flown_record(name: str, seed: int | None, changes: Sequence[str]) -> Record:
     """The record of a scenario that is flown once, by estimators or in closed loop."""
     from scenarios.studies.catalogue import load_scenario, scenario_file, scenario_kind
 
+    if scenario_kind(name) == "sweep":
+        import numpy as np
+
+        from scenarios.studies.catalogue import load_document
+        from scenarios.trials.sweeps.declaration import sweep_scenario_of
+        from scenarios.trials.sweeps.flight import fly_sweep
+
+        sweep = sweep_scenario_of(*load_document(name, changes))
+        with named_after(scenario_file(name)):
+            return fly_sweep(sweep, np.random.default_rng(sweep.seed if seed is None else seed))
     if scenario_kind(name) == "x29":
         from scenarios.x29.flying import fly_loop
         from scenarios.x29.study import loop_scenario

@@ -36,7 +36,7 @@ class Study:
 
     Attributes
     ----------
-    name : the scenario's. kind : ``identification``, ``trace`` or ``x29``.
+    name : the scenario's. kind : ``identification``, ``trace``, ``x29`` or ``sweep``.
     details : everything that the library knows of it, of another type for each kind.
     """
 
@@ -55,7 +55,10 @@ class Study:
         """What the main method estimated; of a diagnosis the parameters with what was found."""
         if self.diagnosis is not None:
             return self.diagnosis.parameters
-        estimate = self.details.main.result.estimate if self.kind == IDENTIFICATION else self.details.result.estimate
+        if self.kind == "sweep":
+            estimate = self.details.estimate
+        else:
+            estimate = self.details.main.result.estimate if self.kind == IDENTIFICATION else self.details.result.estimate
         return Parameters(
             Parameter(name, float(value), float(std), unit)
             for name, value, std, unit in zip(estimate.names, estimate.values, estimate.std, estimate.units, strict=True)
@@ -66,6 +69,8 @@ class Study:
         """True values by name, of those parameters that have one; what the fitted model should find where that is another."""
         if self.kind == IDENTIFICATION:
             return {row.name: row.reference for row in self.details.main.rows if row.reference is not None}
+        if self.kind == "sweep":
+            return {row.name: row.true for row in self.details.rows if row.true is not None}
         if self.kind == "trace":
             return {row.name: row.comparable for row in self.details.derivatives}
         return {}
@@ -82,6 +87,8 @@ class Study:
             return (record_of(self.details.record),)
         if self.diagnosis is not None:
             return self.diagnosis.records
+        if self.kind == "sweep":
+            return tuple(record_of(record) for record in self.details.records)
         return (record_of(self.details.result.setting.record),)
 
     @property
@@ -108,6 +115,9 @@ class Study:
         """The model with ``parameters``, as python-control's with named signals; of the main method, or of a diagnosis."""
         if self.diagnosis is not None:
             return self.diagnosis.to_state_space(pade)
+        if self.kind == "sweep":
+            what, remedy = "a sweep has transfer functions, no matrices", "use details.response.fits"
+            raise DeclarationError(what, where=self.name, remedy=remedy)
         from scenarios.api.matrices import matrices_of_study
 
         return matrices_of_study(self.details, self.kind, pade)

@@ -8,6 +8,7 @@ from scenarios.plots.formats import Formats
 from scenarios.preparation.request import Request
 from scenarios.responses.analysis import Options, responses_of
 from scenarios.responses.fitting import FitOptions
+from scenarios.responses.qualities import LevelOptions
 from scenarios.responses.reading import Names
 from scenarios.responses.text import print_responses
 from scenarios.terminal.summary import details_in, written_to
@@ -21,6 +22,8 @@ def respond(
     options: tuple[tuple[float, float] | None, tuple[float, ...], int, float],
     fit: tuple[Texts, Texts, bool],
     bandwidth: str | None,
+    margins: str | None,
+    levels: tuple[str | None, float | None],
     out: Path | None,
     figures: Formats,
 ) -> None:
@@ -28,8 +31,10 @@ def respond(
 
     ``names`` : inputs, outputs, references. ``options`` : band, windows, tapers, least coherence.
     ``fit`` : forms, fixed parameters, shared poles. ``bandwidth`` : rate or attitude, what the outputs are.
+    ``margins`` : minus or plus, how the loop takes back the output.
+    ``levels`` : class and category, airspeed.
     """
-    found = responses_of(request, Names(*names), Options(*options), FitOptions(*fit), bandwidth)
+    found = responses_of(request, Names(*names), Options(*options), FitOptions(*fit), bandwidth, margins, LevelOptions(*levels))
     if out is not None:
         from scenarios.responses.files import write_responses
 

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ident.frequency_domain.online import HIGH, LOW, SPACING, frequencies
+from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_model
+from scenarios.identification.low_order_filter import PAPER_START
 from scenarios.watching.estimates import so_far
 from scenarios.watching.history import History
 from scenarios.watching.lines import Lines, Read, growing_file, lines_of, standard_input
@@ -15,6 +21,9 @@ from scenarios.watching.reference import read_reference
 from scenarios.watching.rows import Fault, at_end
 from scenarios.watching.session import Session, Step, record_of, start, take
 from scenarios.watching.show import display, print_end
+from scenarios.watching.spectral import Point, SpectralSession, regress, signals_of, spectral_session
+from scenarios.watching.spectral import record_of as record_of_stream
+from scenarios.watching.spectral import take as take_rows
 from scenarios.watching.stream import STOPPED, Watch, pieces, report, rows_in, session_of
 from scenarios.watching.study import Outcome, refuse_overwriting, write_watch
 from scenarios.watching.table import standings
@@ -26,7 +35,7 @@ if TYPE_CHECKING:
     from scenarios.watching.page.follow import Follow
 
 PIPE = "-"
-WATCHED = ("loes",)  # models of which a stream can be identified
+LOW_ORDER = "loes"  # the model that banks of filters follow
 FILE_IDLE = 5.0  # s; a pipe says by itself when it ends
 REFINED_ROWS = 6000  # two and a half minutes at 40 Hz; the refinement goes over all rows some fifty times
 
@@ -44,16 +53,26 @@ def watch_stream(
     page: bool = False,
     port: int | None = None,
     plan: Plan | None = None,
+    band: tuple[float, float] | None = None,
 ) -> None:
-    """Follow the stream to its end, then print, and write where a folder is named; with a ``page`` serve it until Ctrl-C."""
+    """Follow the stream to its end, then print, and write where a folder is named; with a ``page`` serve it until Ctrl-C.
+
+    ``band`` : Hz, of the regression in the frequency domain; None for the usual one.
+    """
     if port is not None and not page:
         raise DeclarationError("there is no page to serve", where="--port", remedy="add --page")
-    if model not in WATCHED:
-        raise DeclarationError(f"there is no model {model!r} for a stream", where="--model", remedy=f"use {', '.join(WATCHED)}")
-    watch = _prepared(record, vehicle, reference, channels, refine, plan)
+    refuse_unknown_model(model, "--model")
+    if model != LOW_ORDER and page:
+        raise DeclarationError(f"there is no page of the model {model}", where="--page", remedy="leave it out, or watch loes")
+    needed = tuple(PAPER_START) if model == LOW_ORDER else ()
+    watch = _prepared(record, vehicle, reference, channels, refine, plan, needed)
+    watch.omega = _frequencies(band)
     if out is not None and record != PIPE:
         refuse_overwriting(Path(record), out)
     limit = idle if idle is not None else None if record == PIPE else FILE_IDLE
+    if model != LOW_ORDER:
+        _watch_in_frequency(watch, model, record, out, limit, until_end)
+        return
     with ExitStack() as open_until_done:
         read = open_until_done.enter_context(_source(record, until_end))
         follow = open_until_done.enter_context(_page(watch, port)) if page else None
@@ -74,6 +93,64 @@ def watch_stream(
             _stay(watch, session, end, follow)
 
 
+def _frequencies(band: tuple[float, float] | None) -> np.ndarray:
+    """Frequencies of the regression, rad/s, as many in a given band as in the usual one."""
+    if band is None:
+        return frequencies()
+    low, high = band
+    if not (0.0 < low < high and math.isfinite(high)):
+        raise DeclarationError(f"{low:g} to {high:g} Hz is no band", where="--band", remedy="give LOW HIGH in Hz, above 0")
+    return frequencies(low, high, (high - low) * SPACING / (HIGH - LOW))
+
+
+def _watch_in_frequency(watch: Watch, model: str, record: str, out: Path | None, limit: float | None, until_end: bool) -> None:
+    """Follow a stream whose model is regressed in the frequency domain."""
+    from scenarios.watching.spectral_study import line, print_spectral_end, write_spectral
+
+    vehicle = read_vehicle(watch.vehicle_path, model)
+    watch.signals = signals_of(vehicle)
+    session: SpectralSession | None = None
+
+    def show(points: list[Point]) -> None:
+        for point in points:
+            assert session is not None
+            print(line(session, point, watch.left_out), flush=True)
+
+    with _source(record, until_end) as read:
+        try:
+            for came in lines_of(read, limit, watch.name):
+                rows = rows_in(watch, came)
+                session = session or _begun(watch, vehicle)
+                if session is not None and rows.size:
+                    show(take_rows(session, rows))
+                if came.unfinished and watch.header is not None:
+                    watch.line += 1
+                    report(watch, [Fault(watch.line, "the stream ended in the middle of it")])
+        except KeyboardInterrupt:
+            watch.reason = STOPPED
+    if session is None:
+        raise RecordError("the stream is empty", where=watch.name, remedy="give a header row and one row a sample")
+    rows, faults, watch.order = at_end(watch.order, len(watch.signals.names))
+    report(watch, faults)
+    show([*take_rows(session, rows), *regress(session)])
+    record_of_stream(session)
+    print_spectral_end(watch, session)
+    if out is not None:
+        from scenarios.terminal.summary import written_to
+
+        write_spectral(out, watch, session, Path(record).name if record != PIPE else watch.name)
+        print(written_to(out), flush=True)
+
+
+def _begun(watch: Watch, vehicle: VehicleFile) -> SpectralSession | None:
+    """The session, once the header has come."""
+    if watch.header is None or watch.omega is None:
+        return None
+    columns = watch.header.columns[1 + len(watch.signals.inputs) :]
+    outputs = [name for name, column in zip(watch.signals.outputs, columns, strict=True) if column is not None]
+    return spectral_session(vehicle, watch.name, outputs, watch.omega)
+
+
 def _page(watch: Watch, port: int | None) -> AbstractContextManager[Follow]:
     from scenarios.watching.page.follow import served
 
@@ -89,11 +166,13 @@ def _stay(watch: Watch, session: Session, end: Outcome, follow: Follow) -> None:
         until_interrupted()
 
 
-def _prepared(record: str, vehicle: Path | None, reference: Path | None, channels: Path | None, refine: bool, plan: Plan | None) -> Watch:
+def _prepared(
+    record: str, vehicle: Path | None, reference: Path | None, channels: Path | None, refine: bool, plan: Plan | None, needed: Sequence[str]
+) -> Watch:
     from scenarios.files.channels import read_channel_map
     from scenarios.files.measured.sidecar import read_sidecar
 
-    known = read_reference(reference) if reference is not None else None
+    known = read_reference(reference, needed) if reference is not None else None
     choices = read_channel_map(channels) if channels is not None else None
     names, rate = (plan.columns, plan.rate) if plan is not None else ((), None)
     if record == PIPE:
@@ -151,6 +230,8 @@ def _finished(watch: Watch, session: Session, refine: bool) -> Outcome:
     """The refinement over all rows where it is wanted and affordable, and the last estimates against the reference."""
     from scenarios.identification.low_order import identify_loes
 
+    if session.spectral is not None:
+        regress(session.spectral)
     state, record = session.state, record_of(session)
     assert session.bank is not None and state is not None
     found, online = None, so_far(session)

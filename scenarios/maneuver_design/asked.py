@@ -24,7 +24,8 @@ class Asked:
     tell : names of effects to be told apart, the first against each other one.
     size : ``typical``, ``found`` (just found in the reference maneuver), or ``KEY=VALUE,...`` of the first effect's own parameters.
     values : derivatives that are better known than from the vehicle file. noise, amplitude : by output, by input.
-    duration, rate : s and samples a second; None: as the model's roots ask for.
+    duration, rate : s and samples a second; None: as the model's roots, or the band, ask for.
+    band : Hz; sweeps and multisines over it, compared by the frequency responses that they give.
     """
 
     model: str | OwnModel
@@ -37,6 +38,7 @@ class Asked:
     amplitude: tuple[str, ...] = ()
     duration: float | None = None
     rate: float | None = None
+    band: tuple[float, float] | None = None
     command_names: Mapping[str, str] = field(default_factory=dict)
 
     def command(self) -> str:
@@ -51,4 +53,5 @@ class Asked:
             words += [option, ",".join(texts)] if texts else []
         words += ["--duration", f"{self.duration:g}"] if self.duration is not None else []
         words += ["--rate", f"{self.rate:g}"] if self.rate is not None else []
+        words += ["--band", *(f"{each:g}" for each in self.band)] if self.band is not None else []
         return shlex.join(words)

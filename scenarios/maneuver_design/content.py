@@ -59,6 +59,23 @@ def maneuver_content(design: Design, maneuver: Maneuver) -> dict[str, Any]:
         "mean_sigma": maneuver.criterion,
         "sigmas": {name: std for name, std in maneuver.sigmas.items() if math.isfinite(std)},
     }
+    if maneuver.responses is not None:
+        found = maneuver.responses
+        content["responses"] = {
+            "frequency_Hz": found.frequency.tolist(),
+            "mean_random_error": found.criterion,
+            "pairs": [
+                {
+                    "output": output,
+                    "input": name,
+                    "usable": float(found.usable[m, q]),
+                    "coherence": found.coherence[m, q].tolist(),
+                    "random_error": found.random_error[m, q].tolist(),
+                }
+                for m, output in enumerate(found.outputs)
+                for q, name in enumerate(found.inputs)
+            ],
+        }
     if maneuver.contests:
         content |= {"chance": maneuver.chance, "log_likelihood": maneuver.log_likelihood, "contests": [_contest(each) for each in maneuver.contests]}
     return content

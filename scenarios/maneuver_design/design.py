@@ -10,7 +10,8 @@ import numpy as np
 from ident.maneuver_design.planned_flight import sigmas_of
 from ident.maneuver_design.rivalry import Acting, Contest, linear_squares
 from scenarios.maneuver_design.asked import Asked
-from scenarios.maneuver_design.kinds import KINDS
+from scenarios.maneuver_design.coherence import Predicted, predicted_responses
+from scenarios.maneuver_design.kinds import KINDS, OVER_A_BAND
 from scenarios.maneuver_design.rivals import contests, mimicking, rivals_of, sized
 from scenarios.maneuver_design.setting import Setting, setting_of
 from scenarios.maneuver_design.within_limits import Flight, within_limits
@@ -27,6 +28,7 @@ class Maneuver:
 
     ``sigmas`` : expected standard deviations of the free parameters; ``criterion``: the geometric mean of these over the values, of those that
     are determined. ``contests`` of the effects that are to be told apart; ``chance``: that it tells whichever of them acts, at least.
+    ``responses`` : frequency responses over the band that is asked for.
     """
 
     kind: str
@@ -35,6 +37,7 @@ class Maneuver:
     sigmas: Mapping[str, float]
     criterion: float
     contests: tuple[Contest, ...] = ()
+    responses: Predicted | None = None
 
     @property
     def chance(self) -> float:
@@ -75,9 +78,10 @@ def design(asked: Asked, progress: Callable[[str, float], None] = lambda stage, 
     effects = rivals_of(asked, setting.model)
     acting = _acting(asked, effects, _reference(setting)) if effects else ()
     found = []
-    for number, kind in enumerate(KINDS):
-        progress(kind, number / len(KINDS))
-        best = _best_pace(setting, kind, acting)
+    kinds = [kind for kind in KINDS if asked.band is None or kind in OVER_A_BAND]
+    for number, kind in enumerate(kinds):
+        progress(kind, number / len(kinds))
+        best = _best_pace(setting, kind, acting) if asked.band is None else _over_the_band(setting, kind)
         if best is not None:
             found.append(_weighed(setting, kind, *best, acting))
     if not found:
@@ -85,7 +89,17 @@ def design(asked: Asked, progress: Callable[[str, float], None] = lambda stage, 
     return Design(asked, setting, tuple(sorted(found, key=_rank)), acting)
 
 
+def _over_the_band(setting: Setting, kind: str) -> tuple[float, np.ndarray, Flight] | None:
+    """Pace, shapes and flight of one kind over the band that is asked for; None where it has no room."""
+    assert setting.room.band is not None
+    pace = np.pi / setting.room.band[1]
+    shapes = KINDS[kind](setting.room, pace)
+    return None if shapes is None else (pace, shapes, within_limits(setting, shapes, quick=True))
+
+
 def _rank(maneuver: Maneuver) -> tuple[float, float, float]:
+    if maneuver.responses is not None:
+        return (maneuver.responses.criterion, 0.0, maneuver.criterion)
     return (-round(maneuver.chance, 3), -min(maneuver.log_likelihood, 1e6), maneuver.criterion)
 
 
@@ -131,7 +145,9 @@ def _best_pace(setting: Setting, kind: str, acting: Sequence[Acting]) -> tuple[f
 def _weighed(setting: Setting, kind: str, pace: float, shapes: np.ndarray, quick: Flight, acting: Sequence[Acting]) -> Maneuver:
     flight = within_limits(setting, shapes, start=quick.scale, bound_by=quick.bound_by)
     sigmas = sigmas_of(flight.motion.fit)
-    return Maneuver(kind, pace, flight, sigmas, _criterion(flight), contests(flight.planned, acting) if acting else ())
+    responses = predicted_responses(setting, flight) if setting.room.band is not None else None
+    told = contests(flight.planned, acting) if acting else ()
+    return Maneuver(kind, pace, flight, sigmas, _criterion(flight), told, responses)
 
 
 def _criterion(flight: Flight) -> float:

@@ -9,7 +9,7 @@ from scenarios.maneuver_design.design import Design
 from scenarios.maneuver_design.limits import offset_of
 from scenarios.maneuver_design.text import pace_text, units_shown
 from scenarios.plots.files import Named
-from scenarios.plots.studies.maneuvers import Course, figure_maneuvers
+from scenarios.plots.studies.maneuvers import Course, figure_coherence, figure_maneuvers
 
 
 def design_figures(design: Design) -> Iterator[Named]:
@@ -22,5 +22,9 @@ def design_figures(design: Design) -> Iterator[Named]:
         shown = {name: row + offset_of(setting.model, name) for name, row in outputs}
         courses.append(Course(f"{each.kind}, {pace_text(each)}", {channel.name: channel.values for channel in flown.inputs}, shown))
     limits = {name: (setting.rest[name] - size, setting.rest[name] + size) for name, size in setting.limits.amplitude.items()}
+    if design.best.responses is not None:
+        kinds = [(each.kind, each.responses) for each in design.maneuvers]
+        title = f"{setting.vehicle.name}: coherence expected of one flight\ndotted: 0.6, from which a response is usable"
+        yield "coherence", partial(figure_coherence, kinds, title)
     title = f"{setting.vehicle.name}: maneuvers at equal amplitude and time\nthe best: {design.best.kind}; dashed: limits"
     yield "maneuvers", partial(figure_maneuvers, setting.room.time, courses, {**limits, **setting.limits.outputs}, units_shown(design), title)

@@ -23,11 +23,26 @@ class Room:
     """Where maneuvers have room: sample times ``(N,)`` in s, a ``pulse`` (s) that the roots ask for, and the number of inputs.
 
     The first and last two pulses are rest: the trim shows, and the motion dies out.
+    ``corners`` : rad/s of each input, above which a sine of full amplitude is faster than the limit
+    of its rate: limit over amplitude; empty where no rate is limited. ``band`` : rad/s, of sweeps and
+    multisines; None follows the pace.
     """
 
     time: np.ndarray
     pulse: float
     inputs: int
+    corners: tuple[float, ...] = ()
+    band: tuple[float, float] | None = None
+
+    def corner(self, one: int) -> float:
+        """The corner of an input, rad/s; infinite where its rate is not limited."""
+        return self.corners[one] if self.corners else math.inf
+
+    def slow_enough(self, one: int, row: np.ndarray) -> np.ndarray:
+        """A row of peak one, scaled down where its fastest change exceeds the limit of the rate."""
+        row = row / np.max(np.abs(row))
+        fastest = float(np.max(np.abs(np.diff(row)))) / self.interval
+        return np.asarray(row * min(1.0, self.corner(one) / max(fastest, 1e-300)))
 
     @property
     def interval(self) -> float:
@@ -60,25 +75,47 @@ def steps_in_turn(room: Room, pace: float, single: Callable[[float, float, float
 
 
 def sweeps(room: Room, pace: float) -> Shapes:
-    """A logarithmic sweep on one input after the other, up to half a period of ``pace``."""
+    """A logarithmic sweep on one input after the other, up to half a period of ``pace``.
+
+    Where it would be faster than the limit of the rate, its amplitude falls with the frequency.
+    """
     each = room.active / room.inputs
     low, high = max(2.0 * math.pi / each, SLOWEST * 1.5 / room.pulse), math.pi / pace
+    low, high = room.band or (low, high)
     if high < 1.5 * low:
         return None
-    rows = [Sweep(1.0, low, high, each, room.lead + i * each, TAPER * each, Spacing.LOGARITHMIC)(room.time) for i in range(room.inputs)]
-    return np.array([row / np.max(np.abs(row)) for row in rows])
+    rows = []
+    for i in range(room.inputs):
+        begin = room.lead + i * each
+        row = Sweep(1.0, low, high, each, begin, TAPER * each, Spacing.LOGARITHMIC)(room.time)
+        at = np.clip((room.time - begin) / each, 0.0, 1.0)
+        rows.append(room.slow_enough(i, row * np.minimum(1.0, room.corner(i) / (low * (high / low) ** at))))
+    return np.array(rows)
 
 
 def multisines(room: Room, pace: float) -> Shapes:
-    """Orthogonal multisines on all inputs at once, harmonics dealt out in turn up to half a period of ``pace``, phases of least peak."""
+    """Orthogonal multisines on all inputs at once, harmonics dealt out in turn up to half a period of ``pace``, phases of least peak.
+
+    Harmonics that would be faster than the limit of the rate are smaller, so that nothing is cut off
+    and the inputs stay orthogonal.
+    """
     samples = math.floor(room.active / room.interval + 1e-9)
     period = samples * room.interval
-    highest = min(math.floor(period / (2.0 * pace)), MOST_HARMONICS)
-    if highest < 2 * room.inputs:
+    lowest, highest = 1, min(math.floor(period / (2.0 * pace)), MOST_HARMONICS)
+    if room.band is not None:
+        lowest, highest = (round(omega * period / (2.0 * math.pi)) for omega in room.band)
+        lowest = max(lowest, 1)
+    if highest - lowest + 1 < 2 * room.inputs:
         return None
     begin = round(room.lead / room.interval) * room.interval
-    rows = [least_peak_multisine(1.0, period, range(1 + i, highest + 1, room.inputs), begin)(room.time) for i in range(room.inputs)]
-    return np.array([row / np.max(np.abs(row)) for row in rows])
+    rows = []
+    for i in range(room.inputs):
+        own = range(lowest + i, highest + 1, room.inputs)
+        shares = [min(1.0, room.corner(i) * period / (2.0 * math.pi * harmonic)) for harmonic in own]
+        equal = min(shares) == max(shares)
+        row = least_peak_multisine(1.0, period, own, begin, shares=None if equal else shares)(room.time)
+        rows.append(room.slow_enough(i, row))
+    return np.array(rows)
 
 
 KINDS: Mapping[str, Callable[[Room, float], Shapes]] = {
@@ -87,6 +124,7 @@ KINDS: Mapping[str, Callable[[Room, float], Shapes]] = {
     "sweep": sweeps,
     "multisine": multisines,
 }
+OVER_A_BAND = ("sweep", "multisine")  # kinds that take a band
 PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": "up to"}
 
 

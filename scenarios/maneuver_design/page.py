@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 
 from scenarios.maneuver_design.design import Design
-from scenarios.maneuver_design.text import LEAST, comparison, contest_table, notes_of, sigma_table, verdict_of
+from scenarios.maneuver_design.text import LEAST, comparison, contest_table, notes_of, response_table, sigma_table, verdict_of
 from scenarios.pages.folder import figures
 from scenarios.pages.model import Bullets, Page, Prose, section
 from scenarios.pages.printed import rows_table
@@ -41,6 +41,7 @@ def design_page(design: Design, drawn: Sequence[Drawn] = ()) -> Page:
                 if told
                 else ()
             ),
+            *section("Expected frequency responses", rows_table("Of one flight", *response_table(design)) if design.best.responses else None),
             *section("Expected standard deviations", rows_table("Cramer-Rao bounds", names, rows)),
             *section("Figures", *figures(drawn)),
             *section("What it rests on", Bullets(tuple(map(sentence, map(capital, notes_of(design)))))),

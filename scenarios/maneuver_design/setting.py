@@ -36,6 +36,7 @@ SHARE = 0.01  # of an output's largest move under doublets, of a user's own mode
 RATE, DURATION = 50.0, 20.0  # samples a second, s
 SAMPLES, PULSES = 20.0, 40.0  # of an own model: in a pulse, and pulses in its flight
 SLOW = 0.1  # of the quickest root: a slower one sets no step
+PER_PERIOD, CYCLES = 10.0, 5.0  # samples of the highest frequency of a band, periods of its lowest for each input
 MOST_SAMPLES = 20_000  # a design simulates hundreds of flights
 
 
@@ -86,12 +87,15 @@ def setting_of(asked: Asked) -> Setting:
     model, rest = in_trim(model)
     still = _outputs_at(model, rest)
     pulse = PULSE / _frequency(model, rest)
+    _refuse_band(asked)
     room = _room(asked, model, pulse)
     noise = _noise(asked, model)
     limits = limits_of(asked.limits, model, usual_limits(model, still))
     inputs = {signal.name: unit_in(model, signal.name) for signal in model.equations.inputs}
     amplitude = _positive(numbers_of(asked.amplitude, inputs, "--amplitude"), "--amplitude")
     limits = replace(limits, amplitude={**limits.amplitude, **amplitude})
+    corners = [limits.rate.get(name, math.inf) / size for name, size in limits.amplitude.items()]
+    room = replace(room, corners=tuple(corners) if np.any(np.isfinite(corners)) else ())
     biased = model.with_biases(outputs_with_bias(model, list(noise)))
     setting = Setting(vehicle, biased, room, limits, noise, rest, still, 0.01)
     return replace(setting, step=step_for(model, [setting.planned(np.zeros((len(rest), len(room.time)))).record], 0.01))
@@ -138,6 +142,19 @@ def _frequency(model: Model, rest: Mapping[str, float]) -> float:
     return float(np.exp(np.mean(np.log(quick)))) if len(quick) else 1.0
 
 
+def _refuse_band(asked: Asked) -> None:
+    """Raise DeclarationError for a band that is none, or for effects beside it."""
+    if asked.band is None:
+        return
+    low, high = asked.band
+    if not (0.0 < 1.5 * low <= high and math.isfinite(high)):
+        remedy = "give LOW HIGH in Hz, the higher one and a half times the lower or more"
+        raise DeclarationError(f"{low:g} to {high:g} Hz is no band", where="--band", remedy=remedy)
+    if asked.tell:
+        what = "maneuvers for a band are compared by responses, not by effects"
+        raise DeclarationError(what, where="--band, --tell", remedy="leave one of them out")
+
+
 def _room(asked: Asked, model: Model, pulse: float) -> Room:
     for option, value in (("--duration", asked.duration), ("--rate", asked.rate)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
@@ -146,10 +163,23 @@ def _room(asked: Asked, model: Model, pulse: float) -> Room:
     rate = asked.rate or (_rounded(SAMPLES / pulse) if own else RATE)
     least = pulse * (4.0 * len(model.equations.inputs) + 5.0)
     duration = asked.duration or (math.ceil(PULSES * pulse * rate) / rate if own else max(DURATION, math.ceil(1.5 * least)))
+    band = None
+    if asked.band is not None:
+        low, high = asked.band
+        band = (2.0 * math.pi * low, 2.0 * math.pi * high)
+        rate = asked.rate or max(rate, _rounded(PER_PERIOD * high))
+        if PER_PERIOD * high > rate * (1.0 + 1e-9):
+            what = f"{rate:g} samples a second are too few for {high:g} Hz"
+            raise DeclarationError(what, where="--rate", remedy=f"give {PER_PERIOD * high:g} or more")
+        needed = CYCLES / low * len(model.equations.inputs) + 4.0 * pulse + 2.0 / rate
+        duration = asked.duration or math.ceil(max(duration, needed))
+        if duration < 0.8 * needed:
+            what = f"{duration:g} s are too short for {low:g} Hz"
+            raise DeclarationError(what, where="--duration", remedy=f"give {math.ceil(needed)} s, five periods for each input")
     count = round(duration * rate)
     if count > MOST_SAMPLES:
         raise DeclarationError(f"{count} samples", where="--duration, --rate", remedy=f"ask for {MOST_SAMPLES} at most")
-    room = Room(np.arange(count + 1) / rate, pulse, len(model.equations.inputs))
+    room = Room(np.arange(count + 1) / rate, pulse, len(model.equations.inputs), band=band)
     if count < 20 or room.active < 4.0 * pulse * room.inputs:
         raise DeclarationError(f"{duration:g} s leave no room for a maneuver", where="--duration", remedy=f"give {least:.2g} s or more")
     return room

@@ -30,6 +30,9 @@ def design_text(design: Design, width: int = WIDTH, details: str = BELOW) -> str
             *table_lines(columns_of(*contest_table(design), left=2), title=f"{design.best.kind}: who would be told from whom", width=width, keys=2),
         ]
     lines += ["", *table_lines(columns_of(*sigma_table(design), left=2), title="expected standard deviations (Cramer-Rao)", width=width, keys=2)]
+    if design.best.responses is not None:
+        title = "frequency responses expected of one flight, share of the band with a coherence of 0.6 or more, and random error"
+        lines += ["", *table_lines(columns_of(*response_table(design), left=1), title=title, width=width)]
     for note in notes_of(design):
         lines += wrapped(note, width)
     lines += wrapped(f"again: {design.asked.command()}", width)
@@ -112,6 +115,25 @@ def sigma_table(design: Design) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
     return headings, rows
 
 
+def response_table(design: Design) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Headings and rows of what each maneuver would give of every response over the band."""
+    kinds = [(each.kind, each.responses) for each in design.maneuvers if each.responses is not None]
+    headings = ["response"]
+    for kind, _ in kinds:
+        headings += [f"{kind}: usable %", "coherence, least", "random error, median %"]
+    rows = []
+    first = kinds[0][1]
+    for m, output in enumerate(first.outputs):
+        for q, name in enumerate(first.inputs):
+            cells = [f"{output}/{name}"]
+            for _, found in kinds:
+                error = 100.0 * float(np.median(found.random_error[m, q]))
+                shown = f"{error:.2g}" if error < 100.0 else "above 100"
+                cells += [f"{100.0 * found.usable[m, q]:.0f}", f"{found.coherence[m, q].min():.2f}", shown]
+            rows.append(tuple(cells))
+    return tuple(headings), rows
+
+
 def notes_of(design: Design) -> list[str]:
     """What the design rests on: noise, limits, trim, sizes."""
     setting = design.setting
@@ -145,12 +167,19 @@ def extremes_text(design: Design, maneuver: Maneuver) -> str:
 
 
 def _title(design: Design) -> str:
+    if design.best.responses is not None:
+        return "maneuvers over the band within the limits, the one with the least random errors first"
     told = "; log likelihood and chance are the least over who acts" if design.acting else ""
     return f"maneuvers at equal amplitude and time, within the limits, the best first; mean sigma: geometric mean over the values{told}"
 
 
 def _tells(design: Design) -> str:
     best = design.best
+    if best.responses is not None:
+        share = 100.0 * float(np.mean(best.responses.usable))
+        low, high = best.responses.frequency[[0, -1]]
+        error = 100.0 * best.responses.criterion
+        return f"responses from {low:.3g} to {high:.3g} Hz usable in {share:.0f} % of the band, mean random error {error:.2g} %"
     if not design.acting:
         return f"expected sigmas {100.0 * best.criterion:.3g} % of the derivatives (geometric mean)"
     return f"expected log likelihood {best.log_likelihood:.1f}; {'; '.join(acting_text(each) for each in design.acting)}"

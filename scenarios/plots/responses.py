@@ -54,6 +54,8 @@ class Estimated(Protocol):
     def fits(self) -> Any: ...
     @property
     def qualities(self) -> Any: ...
+    @property
+    def loop(self) -> Any: ...
     def unit(self, output: str, one: str) -> str: ...
 
 
@@ -199,6 +201,51 @@ def figure_bandwidth(estimate: Estimated, number: int = 0) -> Figure:
     angle.set_xlabel("frequency (rad/s)", fontsize=LABEL_SIZE)
     data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
     return finish(sheet, f"{one.name}: bandwidth\n{data}; spans: 95 %")
+
+
+def figure_margins(estimate: Estimated) -> Figure:
+    """The broken-loop response: gain, phase about -180 deg and distance from -1, with the margins
+    marked. Raises DeclarationError where no margins were asked for."""
+    loop = estimate.loop
+    if loop is None:
+        remedy = "say how the loop takes back its output (margins), minus or plus"
+        raise DeclarationError("there are no margins to draw", where="loop", remedy=remedy)
+    curve, margins = loop.curve, loop.margins
+    sheet = make_sheet([1.5, 1.5, 1.1], row_gap=0.14)
+    rows = (
+        (curve.gain, curve.gain_std, "gain (dB)", margins.gains, -1.0),
+        (curve.phase, curve.phase_std, "phase + 180 (deg)", margins.phases, 1.0),
+        (curve.distance, curve.distance_std, "|1 + L| (dB)", (), 0.0),
+    )
+    for panel, (value, std, label, marks, sign) in zip(sheet.panels, rows, strict=True):
+        half = np.minimum(1.96 * std, _MOST)
+        panel.fill_between(curve.omega, value - half, value + half, color=SKY, alpha=0.45, linewidth=0)
+        panel.plot(curve.omega, value, color=BLUE, linewidth=1.2, label="broken loop")
+        panel.axhline(0.0, color=GREY, linewidth=0.7, linestyle=":")
+        panel.set_xscale("log")
+        panel.set_xlim(float(curve.omega[0]), float(curve.omega[-1]))
+        _limits(panel, value)
+        for margin in marks:
+            # Of a phase whole turns are added until the end lies on the curve.
+            at, end = margin.frequency.value, sign * margin.size.value
+            shift = value[np.argmin(np.abs(curve.omega - at))] - end
+            zero = 360.0 * round(shift / 360.0) if sign > 0.0 else 0.0
+            colour = VERMILION if sign > 0.0 else ORANGE
+            text = "phase margin" if sign > 0.0 else "gain margin"
+            panel.plot([at, at], [zero, zero + end], color=colour, linewidth=1.4, label=text)
+            span = [zero + sign * margin.low, zero + sign * margin.high]
+            panel.plot([at, at], span, color=colour, linewidth=5.0, alpha=0.35, solid_capstyle="butt")
+        y_label(panel, label)
+    if margins.distance is not None:
+        least = margins.distance
+        level = 20.0 * math.log10(least.size.value)
+        line: dict[str, Any] = {"color": BLACK, "linewidth": 1.4, "label": "least distance from -1"}
+        sheet.panels[2].plot([least.frequency.value] * 2, [0.0, level], **line)
+    axis = sheet.panels[-1]
+    decades(axis.xaxis, (1.0, 2.0, 5.0))
+    axis.set_xlabel("frequency (rad/s)", fontsize=LABEL_SIZE)
+    data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
+    return finish(sheet, f"{loop.name}: stability margins\n{data}; bands and bars: 95 %")
 
 
 def _decibels(response: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +28,8 @@ from scenarios.files.measured.record_file import identities, read_record_files, 
 from scenarios.files.sources import InputFile
 from scenarios.preparation.request import Request, column_choices
 from scenarios.responses.fitting import FitOptions, Fits, fit_cautions, fits_of
-from scenarios.responses.qualities import Qualities, qualities_of, refuse_kind
+from scenarios.responses.loops import LoopMargins, loop_margins_of, refuse_loop
+from scenarios.responses.qualities import NO_LEVELS, LevelOptions, Qualities, qualities_of, refuse_kind
 from scenarios.responses.reading import Names, ReadSignals, read_signals
 from sim.errors import DeclarationError, RecordError
 from sim.record import Hold
@@ -93,7 +95,7 @@ class Responses:
     direct : the direct estimate besides, where references are named.
     rate : Hz, of the samples that were used. notes : what was done. cautions : what a user should
         know. simulated : a program made all records. fits : transfer functions of the responses.
-    qualities : flying qualities of the responses.
+    qualities : flying qualities of the responses. loop : stability margins.
     """
 
     identities: tuple[InputFile, ...]
@@ -109,6 +111,7 @@ class Responses:
     simulated: bool
     fits: Fits | None = None
     qualities: tuple[Qualities, ...] = ()
+    loop: LoopMargins | None = None
 
     def unit(self, output: str, one: str) -> str:
         """Unit of a response, ``"deg/s per deg"``; empty where neither signal has one."""
@@ -140,26 +143,34 @@ def responses_of(
     options: Options,
     fit: FitOptions | None = None,
     bandwidth: str | None = None,
+    margins: str | None = None,
+    limits: LevelOptions = NO_LEVELS,
 ) -> Responses:
     """Estimate the responses of the records of a request, pooled.
 
     ``fit`` : transfer functions. ``bandwidth`` : what the outputs are, ``"rate"`` or ``"attitude"``,
-    for bandwidth and phase delay.
+    for bandwidth and phase delay. ``margins`` : how the loop takes back the output, ``"minus"`` or
+    ``"plus"``, for stability margins. ``limits`` : of the levels of fitted forms.
 
     Raises
     ------
     FlightidError : anything in files or options that keeps them from being used, in one line.
     """
     refuse_kind(bandwidth)
+    refuse_loop(margins, names)
     refuse_twice(request.records)
     files = read_record_files(request.records)
     known = (*names.inputs, *names.outputs, *names.references)
     words = [name for name in known if name.isidentifier() and name not in CHANNEL_UNITS]
     chosen = column_choices(request, (*CHANNEL_UNITS, *words))
     read = read_signals(files, names, request.plan, chosen)
+    if margins is not None:
+        # A loop is broken between signals of one computer: no hold acts between them.
+        read = replace(read, hold=None)
     found, direct, step, notes = estimated(read, options)
     _refuse_proportional(found, names)
     fits = fits_of(found, names, fit or FitOptions())
+    loop = loop_margins_of(found, names, margins, read, partial(_of_a_part, options, found))
     return Responses(
         identities(files),
         read.names,
@@ -170,11 +181,28 @@ def responses_of(
         direct,
         1.0 / step,
         (*read.notes, *notes),
-        (*cautions_of(found, direct, names), *fit_cautions(fits)),
+        (*cautions_of(found, direct, names), *fit_cautions(fits), *(loop.cautions if loop else ())),
         all(file.sidecar.simulated for file in files),
         fits,
-        qualities_of(found, names, bandwidth, fits),
+        qualities_of(found, names, bandwidth, fits, limits),
+        loop,
     )
+
+
+def _of_a_part(options: Options, whole: FrequencyResponses, part: ReadSignals) -> FrequencyResponses:
+    """The responses of one part, in the band of all parts together as far as the part resolves it."""
+    low, high = float(whole.frequency[0]), float(whole.frequency[-1])
+    _, lowest = _windows(part.durations, replace(options, band=(low, high)))
+    return estimated(part, replace(options, band=(max(low, lowest), high)))[0]
+
+
+def _windows(durations: Sequence[float], options: Options) -> tuple[tuple[float, ...], float]:
+    """Lengths of windows, s, none with tapers, and the lowest frequency that they resolve, Hz."""
+    if options.tapers:
+        return (), 0.5 * (options.tapers + 1) / min(durations)
+    windows = options.windows or window_lengths(durations, options.band[0] if options.band else None)
+    windows = tuple(sorted(windows, reverse=True))
+    return windows, lowest_frequency([each for each in windows if each <= max(durations)] or windows)
 
 
 def _refuse_proportional(found: FrequencyResponses, names: Names) -> None:
@@ -191,13 +219,7 @@ def _refuse_proportional(found: FrequencyResponses, names: Names) -> None:
 def estimated(read: ReadSignals, options: Options) -> tuple[FrequencyResponses, FrequencyResponses | None, float, list[str]]:
     """The estimate, the direct one where it is a joint one, the step used, s, and notes."""
     rate = 1.0 / read.step
-    windows = options.windows or window_lengths(read.durations, options.band[0] if options.band else None)
-    windows = tuple(sorted(windows, reverse=True))
-    if options.tapers:
-        lowest = 0.5 * (options.tapers + 1) / min(read.durations)
-        windows = ()
-    else:
-        lowest = lowest_frequency([each for each in windows if each <= max(read.durations)] or windows)
+    windows, lowest = _windows(read.durations, options)
     low, high = options.band or input_band(read.signals, lowest)
     notes = []
     if not options.band:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.flying_qualities.handling_qualities import Level
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json, write_text
@@ -18,6 +19,7 @@ from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.page.named import Drawn
 from scenarios.responses.analysis import Responses, pairs
 from scenarios.responses.fitting import Fits, envelope_sentence
+from scenarios.responses.loops import margins_content
 from scenarios.responses.page import responses_page
 
 MAIN = "responses.json"
@@ -62,6 +64,10 @@ def write_responses(found: Responses, folder: str | Path, *, figures: Formats = 
                     )
                     for n in range(1, len(found.qualities) + 1)
                 ]
+            if found.loop is not None:
+                from scenarios.plots.responses import figure_margins
+
+                named.append(("loop", partial(figure_margins, found)))
             drawn = drawn_for_page(named, scratch, figures)
         write_text(scratch / TABLE, responses_csv(found))
         write_page(scratch, responses_page(found, drawn))
@@ -153,6 +159,7 @@ def responses_content(found: Responses) -> dict[str, Any]:
         "parts": [{"name": name, "duration_s": duration} for name, duration in parts],
         "responses": responses,
         **({"fits": _fits_content(found, found.fits)} if found.fits is not None else {}),
+        **({"margins": margins_content(found.loop)} if found.loop is not None else {}),
         "notes": list(found.notes),
         "warnings": list(found.cautions),
         "inputs": {
@@ -202,6 +209,17 @@ def _fits_content(found: Responses, fits: Fits) -> dict[str, Any]:
     }
 
 
+def _level_content(level: Level) -> dict[str, Any]:
+    return {
+        "quantity": level.quality.name,
+        "category": level.criterion.category,
+        "level": level.level,
+        "best": level.best,
+        "worst": level.worst,
+        "source": level.criterion.source,
+    }
+
+
 def _qualities_content(found: Responses) -> list[dict[str, Any]]:
     return [
         {
@@ -209,6 +227,7 @@ def _qualities_content(found: Responses) -> list[dict[str, Any]]:
             "input": found.names.inputs[each.place[1]],
             **{name: {"value": number.value, "std": number.std, "unit": unit} for name, (number, unit) in each.numbers.items()},
             "notes": list(each.bandwidth.notes) if each.bandwidth is not None else [],
+            **({"levels": [_level_content(level) for level in each.levels]} if each.levels else {}),
         }
         for each in found.qualities
     ]

@@ -12,10 +12,12 @@ from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.wording import sentence
 from scenarios.plots.page.named import Drawn
 from scenarios.responses.analysis import Responses, pairs
+from scenarios.responses.loops import margin_lines
 from scenarios.responses.text import (
     band_sentence,
     fit_columns,
     fit_lines,
+    loop_tables,
     name_pair,
     quality_lines,
     responses_summary,
@@ -51,10 +53,16 @@ def responses_page(found: Responses, drawn: Sequence[Drawn] = ()) -> Page:
         columns = fit_columns(found, row, column)
         if columns:
             functions += printed_blocks(partial(print_table, title=f"Parameters of {name}", columns=columns))
+    margins: list[Block] = []
+    if found.loop is not None:
+        for title, columns in loop_tables(found.loop):
+            margins += printed_blocks(partial(print_table, title=title, columns=columns))
+        margins.append(Bullets(tuple(map(sentence, margin_lines(found.loop)))))
     words = ["flightid", "response", *files]
     words += [word for name in names.inputs for word in ("--input", name)]
     words += [word for name in names.outputs for word in ("--output", name)]
     words += [word for name in names.references for word in ("--reference", name)]
+    words += ["--margins", found.loop.sign] if found.loop is not None else []
     usable = sum(band is not None for row in found.found.bands() for band in row)
     number = len(pairs(found))
     return Page(
@@ -69,6 +77,7 @@ def responses_page(found: Responses, drawn: Sequence[Drawn] = ()) -> Page:
             *section("Bode diagrams", *figures(drawn)),
             *section("Transfer functions", *functions),
             *section("Flying qualities", Bullets(tuple(map(sentence, quality_lines(found))))),
+            *section("Stability margins", *margins),
             *section("Numbers", *tables),
             *section("How they were estimated", Bullets(tuple(map(sentence, found.notes)))),
             *section("How the numbers are read", Bullets(READING)),

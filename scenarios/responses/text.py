@@ -9,6 +9,7 @@ from rich.console import Console
 
 from scenarios.responses.analysis import Responses, pairs
 from scenarios.responses.fitting import cost_sentence, envelope_sentence, transfer_text
+from scenarios.responses.loops import MINUS, LoopMargins, margin_columns, margin_lines, worst_columns
 from scenarios.terminal.numbers import console, number
 from scenarios.terminal.paragraphs import print_paragraph
 from scenarios.terminal.summary import BELOW, Summary, print_summary
@@ -31,12 +32,25 @@ def print_responses(found: Responses, out: Console | None = None, details: str =
         print_table(out, title, table_columns(found, row, column))
     for line in quality_lines(found):
         print_paragraph(out, line, indent=0)
+    if found.loop is not None:
+        for title, columns in loop_tables(found.loop):
+            print_table(out, title, columns)
+        for line in margin_lines(found.loop):
+            print_paragraph(out, line, indent=0)
     for row, column, _ in pairs(found):
         for line in fit_lines(found, row, column):
             print_paragraph(out, line, indent=0)
         columns = fit_columns(found, row, column)
         if columns:
             print_table(out, "", columns)
+
+
+def loop_tables(loop: LoopMargins) -> list[tuple[str, list[Column]]]:
+    """Titles and columns of the margins, and of the worst maneuver where there are several."""
+    sign = "-" if loop.sign == MINUS else "+"
+    title = f"Stability margins of {loop.name}, a loop with command = excitation {sign} returned"
+    tables = [(title, margin_columns(loop)), ("The worst maneuver, intervals for all together", worst_columns(loop))]
+    return [(heading, columns) for heading, columns in tables if columns[0].cells]
 
 
 def quality_lines(found: Responses) -> list[str]:

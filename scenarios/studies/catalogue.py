@@ -15,7 +15,7 @@ from scenarios.studies.scenario_file.choices import methods_without_gone, withou
 from sim.errors import DeclarationError
 
 IDENTIFICATION = "identification"
-KINDS = (IDENTIFICATION, "trace", "x29", "jsbsim")
+KINDS = (IDENTIFICATION, "trace", "x29", "sweep", "jsbsim")
 # Names of earlier versions, by what examines the tracing loop today; `exam` is not installed.
 EXAMINATIONS = {
     "false-alarms": "false-alarms",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -31,8 +31,9 @@ class Reference:
     plain: Mapping[str, float] = field(default_factory=dict)
 
 
-def read_reference(path: Path) -> Reference:
-    """A study of the low-order equivalent system: its folder, or the comparison.json in it.
+def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Reference:
+    """A study that has the ``needed`` parameters: its folder, or the comparison.json in it. Those of
+    the low-order equivalent system are what a watch of it starts from.
 
     Raises
     ------
@@ -45,11 +46,11 @@ def read_reference(path: Path) -> Reference:
     values = {**_pairs(content, "parameters", file), **{name: pair for name, pair in _pairs(content, "derived", file).items() if name in DERIVED}}
     fixed = _numbers(content.get("fixed"), "value")
     plain = _numbers(content["plain"].get("parameters"), "estimate") if isinstance(content.get("plain"), dict) else {}
-    missing = [name for name in PAPER_START if name not in values and name not in fixed]
+    missing = [name for name in needed if name not in values and name not in fixed]
     if missing:
         if missing[0] in content.get("start_dependent", ()):
             raise DeclarationError(f"{missing[0]} hangs on the start in it", where=str(file), remedy="name a study that was refined")
-        remedy = "name a study of the low-order equivalent system"
+        remedy = "name a study of the same model"
         raise DeclarationError(f"there is no {missing[0]} in it", where=str(file), remedy=remedy)
     return Reference(str(path), values, fixed, plain)
 

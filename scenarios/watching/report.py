@@ -15,7 +15,7 @@ from scenarios.studies.rows import Row
 
 def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
     """The page of ``content``, what stands in ``comparison.json``; ``digest`` is that of the rows that were taken."""
-    stream, reference = content["stream"], content.get("reference")
+    stream, reference, methods = content["stream"], content.get("reference"), content.get("methods", {})
     outside = list(reference["outside"]) if reference else []
     told = f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended, {stream['spikes']} spikes"
     words = against(outside, content.get("start_dependent", ()), len(reference["differences"])) if reference else ""
@@ -30,7 +30,8 @@ def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
         warnings=tuple(content.get("warnings", ())),
         sections=(
             *section("What was found", *_found(content)),
-            *section("As the stream left it", *(_found(content["methods"]["online"]) if "methods" in content else ())),
+            *section("As the stream left it", *(_found(methods["online"]) if "online" in methods else ())),
+            *section("In the frequency domain", *(_found(methods["frequency-domain"]) if "frequency-domain" in methods else ())),
             *section("Against the reference", _differences(reference) if reference else None),
             *section("The bank of delays", _bank(content["bank"])),
             *section("How it was made", fixed_table("What was held", {key: (each["value"], each["unit"]) for key, each in content["fixed"].items()})),

@@ -6,7 +6,7 @@ import csv
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +32,23 @@ LOST = 600.0  # s: after a gap this long nothing of the motion before is known
 
 
 @dataclass(frozen=True)
+class StreamSignals:
+    """Inputs and outputs that a stream is read for; ``known``: all channels and their units inside."""
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    known: Mapping[str, str] = field(default_factory=lambda: CHANNEL_UNITS)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The rows of a table: time, inputs, outputs."""
+        return (TIME, *self.inputs, *self.outputs)
+
+
+LOES = StreamSignals(INPUTS, OUTPUTS)
+
+
+@dataclass(frozen=True)
 class Header:
     """How the rows of a stream are read.
 
@@ -43,7 +60,8 @@ class Header:
     rate : Hz, of a stream without a clock; ``first``: the line of its first row.
     computed : the file without rows and the channel map, where channels are computed; ``columns``
         are then those of the wider table.
-    sources : columns of the stream that are read, in the order of their places.
+    sources : columns of the stream that are read, in the order of their places. signals : the
+        channels.
     """
 
     columns: tuple[Column | None, ...]
@@ -53,6 +71,7 @@ class Header:
     first: int = 2
     computed: tuple[RecordFile, Mapping[str, ColumnChoice]] | None = None
     sources: tuple[int, ...] = ()
+    signals: StreamSignals = LOES
 
     @property
     def stick_unit(self) -> str:
@@ -71,16 +90,17 @@ class Fault(NamedTuple):
 
 
 class Order(NamedTuple):
-    """How far the stream has come: time (s) and stick of the last row, and a row that waits to be borne out by the next.
+    """How far the stream has come: time (s) and inputs of the last row, and a row that waits to be borne out by the next.
 
     ``lost`` is the time at which the stream jumped by more than ``LOST``; nothing is taken after it.
     """
 
     time: float = -math.inf
-    stick: float = math.nan
+    held: tuple[float, ...] = ()
     waiting: np.ndarray | None = None
     waiting_row: int = 0
     lost: float | None = None
+    inputs: tuple[str, ...] = INPUTS
 
 
 def read_header(
@@ -91,6 +111,7 @@ def read_header(
     names: Sequence[str] = (),
     rate: float | None = None,
     first: int = 2,
+    signals: StreamSignals = LOES,
 ) -> Header:
     """The header of a stream, by the rules for records.
 
@@ -100,37 +121,38 @@ def read_header(
         stream.
     choices : channel map. units : the sidecar's. names : of the columns, in their order, instead of
         the header's.
-    rate : Hz, of a stream without a clock. first : line of the first row.
+    rate : Hz, of a stream without a clock. first : line of the first row. signals : channels to read.
 
     Raises
     ------
-    RecordError : not UTF-8, not separated by commas, no time or stick, none of the outputs, or as
+    RecordError : not UTF-8, not separated by commas, no time or input, none of the outputs, or as
         for ``find_column``; a channel that needs
         other rows than its own; a rate beside a clock.
     """
     cells = _named(header_cells(line, name), name, names)
     width, computed = len(cells), None
     sources: tuple[int, ...] = ()
-    refuse_unknown_units(Sidecar(units=units or {}), cells, Path(name), {*CHANNEL_UNITS, *(choices or {})})
+    inputs, outputs = signals.inputs, signals.outputs
+    refuse_unknown_units(Sidecar(units=units or {}), cells, Path(name), {*signals.known, *(choices or {})})
     if choices is not None:
         choices = {channel: _by_name(choice, cells) for channel, choice in choices.items()}
         _refuse_other_rows(choices, name)
         file = RecordFile(Path(name), _table(name, cells, {}, 0), Sidecar(units=units or {}), InputFile(name, ""))
-        found = source_columns(file, choices, INPUTS, OUTPUTS)
+        found = source_columns(file, choices, inputs, outputs)
         if found:
             computed, sources = (file, choices), found
-            wider, choices = with_derived(file, choices, INPUTS, OUTPUTS)
+            wider, choices = with_derived(file, choices, inputs, outputs)
             cells = list(wider.table.header)
-    columns = tuple(find_column(channel, cells, name, choices, units) for channel in (TIME, *INPUTS, *OUTPUTS))
+    columns = tuple(find_column(channel, cells, name, choices, units, signals.known) for channel in signals.names)
     if rate is not None and columns[0] is not None:
         raise RecordError("the stream has a clock of its own", where=f"{name}, --rate", remedy="leave --rate out: a stream is not resampled")
-    for channel, column in zip((TIME, *INPUTS), columns, strict=False):
+    for channel, column in zip((TIME, *inputs), columns, strict=False):
         if column is None and (channel != TIME or rate is None):
             raise _missing(channel, cells, name)
-    if not any(columns[1 + len(INPUTS) :]):
-        raise _missing(OUTPUTS[0], cells, name)
+    if not any(columns[1 + len(inputs) :]):
+        raise _missing(outputs[0], cells, name)
     direct = {column.index for column in columns if column is not None and column.index < width}
-    return Header(columns, width, name, rate, first, computed, tuple(sorted({*direct, *sources})))
+    return Header(columns, width, name, rate, first, computed, tuple(sorted({*direct, *sources})), signals)
 
 
 def is_row(line: bytes, name: str) -> bool:
@@ -197,11 +219,11 @@ def _table(name: str, cells: Sequence[str], columns: Mapping[int, np.ndarray], r
 
 
 def read_lines(header: Header, lines: Sequence[bytes], first: int) -> tuple[np.ndarray, list[int], list[Fault]]:
-    """Numbers ``(5, N)`` in SI, NaN where a cell is empty, the row number of each, and the lines that are no rows.
+    """Numbers ``(signals, N)`` in SI, NaN where a cell is empty, the row number of each, and the lines that are no rows.
 
     ``first`` is the number of the first line. Empty lines are no fault.
     """
-    places = header.sources
+    places, signals = header.sources, header.signals
     values: list[list[float]] = []
     numbers: list[int] = []
     faults: list[Fault] = []
@@ -220,26 +242,26 @@ def read_lines(header: Header, lines: Sequence[bytes], first: int) -> tuple[np.n
     if header.computed is not None:
         file, choices = header.computed
         file = replace(file, table=_table(header.name, file.table.header, read, len(values)))
-        read = dict(enumerate(np.asarray(each) for each in with_derived(file, choices, INPUTS, OUTPUTS)[0].table.columns))
+        read = dict(enumerate(np.asarray(each) for each in with_derived(file, choices, signals.inputs, signals.outputs)[0].table.columns))
     for row, column in enumerate(header.columns):
         if column is not None:
             table[row] = read[column.index]
     if header.rate is not None:
         table[0] = (np.array(numbers, dtype=float) - header.first) / header.rate
-    for row, (column, channel) in enumerate(zip(header.columns, (TIME, *INPUTS, *OUTPUTS), strict=True)):
+    for row, (column, channel) in enumerate(zip(header.columns, signals.names, strict=True)):
         if column is not None and channel != STICK:
-            table[row] = to_si(table[row], column.unit, CHANNEL_UNITS[channel], column_place(header.name, column))
+            table[row] = to_si(table[row], column.unit, signals.known[channel], column_place(header.name, column))
     return table, numbers, faults
 
 
 def in_order(table: np.ndarray, numbers: Sequence[int], order: Order) -> tuple[np.ndarray, list[Fault], Order]:
-    """The rows that go on from ``order``, ``(5, N)``, with their faults.
+    """The rows that go on from ``order``, ``(signals, N)``, with their faults.
 
     A row whose time is missing, repeated or goes back is left out. One that is more than ``AHEAD`` later than the last waits until
-    the next is later still, else it is left out. A missing stick holds its last value; before there is one, the row is left out.
+    the next is later still, else it is left out. A missing input holds its last value; before there is one, the row is left out.
     """
     if _goes_on(table, order):
-        return table, [], order._replace(time=float(table[0, -1]), stick=float(table[1, -1]))
+        return table, [], order._replace(time=float(table[0, -1]), held=tuple(table[1 : 1 + len(order.inputs), -1].tolist()))
     kept: list[np.ndarray] = []
     faults: list[Fault] = []
     for row, number in zip(table.T, numbers, strict=True):
@@ -284,23 +306,24 @@ def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, li
 
 
 def _goes_on(table: np.ndarray, order: Order) -> bool:
-    """Whether all rows simply go on from ``order``, nothing to wait for or to mend; a NaN in time or stick says no."""
+    """Whether all rows simply go on from ``order``, nothing to wait for or to mend; a NaN in time or an input says no."""
     if table.shape[1] == 0 or order.waiting is not None or order.lost is not None:
         return False
     steps = np.diff(table[0], prepend=order.time)
-    return bool(np.all((steps > 0.0) & (steps <= AHEAD)) and not np.isnan(table[1]).any())
+    return bool(np.all((steps > 0.0) & (steps <= AHEAD)) and not np.isnan(table[1 : 1 + len(order.inputs)]).any())
 
 
 def _accept(row: np.ndarray, number: int, order: Order, kept: list[np.ndarray], faults: list[Fault]) -> Order:
-    if math.isnan(row[1]):
-        if math.isnan(order.stick):
-            faults.append(Fault(number, "the stick is missing, and there is none before"))
-            return order
-        row = row.copy()
-        row[1] = order.stick
-        faults.append(Fault(number, "the stick is missing, the last one holds", left_out=False))
+    for place, name in enumerate(order.inputs, start=1):
+        if math.isnan(row[place]):
+            if not order.held:
+                faults.append(Fault(number, f"the {name} is missing, and there is none before"))
+                return order
+            row = row.copy()
+            row[place] = order.held[place - 1]
+            faults.append(Fault(number, f"the {name} is missing, the last one holds", left_out=False))
     kept.append(row)
-    return order._replace(time=float(row[0]), stick=float(row[1]))
+    return order._replace(time=float(row[0]), held=tuple(row[1 : 1 + len(order.inputs)].tolist()))
 
 
 def _plain(line: bytes, places: Sequence[int], width: int) -> list[float] | None:

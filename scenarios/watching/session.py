@@ -19,6 +19,8 @@ from ident.banks.relinearised import Relinearised, along, due, linearise, on_a_g
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import filter_system, less, noise_levels, trim_of
 from scenarios.watching.rows import OUTPUTS
+from scenarios.watching.spectral import SpectralSession
+from scenarios.watching.spectral import take as take_in_frequency
 from sim.declaration.system import System
 from sim.errors import RecordError
 from sim.record import Channel, Record
@@ -53,7 +55,7 @@ class Session:
     ``taken`` are blocks of rows ``(5, n)`` in the order time, stick, alpha, q, nz as they came, spikes NaN once the filter left them out.
     ``system``, ``bank``, ``state`` and ``offsets`` are there once the filter has started; ``others`` is the bank of other starts with its
     state, ``last`` the last step. ``refine``: whether the bank is linearised anew on its way; ``tried``: the rows at the last attempt,
-    which began with the row ``first``.
+    which began with the row ``first``. ``spectral``: the regression in the frequency domain of the same rows, spikes left out.
     """
 
     vehicle: VehicleFile
@@ -71,6 +73,7 @@ class Session:
     refined: Relinearised | None = None
     tried: int = 0
     first: int = 0
+    spectral: SpectralSession | None = None
     second: float = -math.inf
     last: Step | None = None
 
@@ -138,6 +141,8 @@ def _filter(session: Session, block: np.ndarray) -> list[Step]:
             block[2:, column][state.skipped] = np.nan
             session.spikes += int(state.skipped.sum())
         spikes.append(session.spikes)
+    if session.spectral is not None:
+        take_in_frequency(session.spectral, block)
     given = _rows_of(session, block)
     beside = _on(others, session.others_state, given)
     session.others_state = beside[-1]

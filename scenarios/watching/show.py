@@ -11,6 +11,7 @@ import numpy as np
 
 from scenarios.watching.estimates import so_far
 from scenarios.watching.session import Session, Step
+from scenarios.watching.spectral_study import beside_lines
 from scenarios.watching.stream import Watch
 from scenarios.watching.study import Outcome
 from scenarios.watching.table import WORDS, View, live_table, outside_of, standings
@@ -80,6 +81,8 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
     kind = "refined over all rows" if end.found is not None else "refined on line" if end.refined else "on line, the most likely filter"
     terminal.print(f"{watch.reason}; {kind}:", highlight=False)
     terminal.print(live_table(view))
+    for words in beside_lines(session.spectral, (end.found or end.online).estimate):
+        terminal.print(words, highlight=False)
     hanging = [WORDS.get(item.name, item.name) for item in end.standings if item.hanging]
     if hanging:
         what = f"another start within its prior would have led elsewhere: {', '.join(hanging)}; name a nearer start with --vehicle"

@@ -13,8 +13,19 @@ import numpy as np
 from scenarios.files.channels import ColumnChoice
 from scenarios.watching.lines import Lines
 from scenarios.watching.reference import Reference, vehicle_to_watch
-from scenarios.watching.rows import Fault, Header, Order, in_order, is_row, read_header, read_lines
+from scenarios.watching.rows import (
+    LOES,
+    Fault,
+    Header,
+    Order,
+    StreamSignals,
+    in_order,
+    is_row,
+    read_header,
+    read_lines,
+)
 from scenarios.watching.session import Session
+from scenarios.watching.spectral import spectral_session
 from sim.errors import RecordError
 
 STOPPED = "stopped by the user"
@@ -28,6 +39,8 @@ class Watch:
     ``beside``: name of the JSON file that was read because it is beside the record, empty without
     one. ``columns``: names of the columns,
     where there is no header or another one is wanted; ``rate``: Hz, where there is no clock.
+    ``signals``: what the stream is read for; of others than the low-order equivalent's there is no
+    ``session``. ``omega``: rad/s, of the regression in the frequency domain.
     """
 
     name: str
@@ -39,6 +52,8 @@ class Watch:
     beside: str = ""
     columns: tuple[str, ...] = ()
     rate: float | None = None
+    signals: StreamSignals = LOES
+    omega: np.ndarray | None = None
     header: Header | None = None
     session: Session | None = None
     order: Order = field(default_factory=Order)
@@ -66,8 +81,10 @@ def rows_in(watch: Watch, came: Lines) -> np.ndarray:
             watch.line += 1
             lines = lines[1:]
         if first.strip():
-            watch.header = read_header(first, watch.name, watch.choices, watch.units, watch.columns, watch.rate, watch.line + 1)
-            watch.session = Session(vehicle_to_watch(watch.vehicle_path, watch.reference), watch.name, watch.header.stick_unit, refine=watch.refine)
+            watch.header = read_header(first, watch.name, watch.choices, watch.units, watch.columns, watch.rate, watch.line + 1, watch.signals)
+            watch.order = watch.order._replace(inputs=watch.signals.inputs)
+            if watch.signals is LOES:
+                watch.session = _session(watch, watch.header)
     if watch.header is None or not lines:
         return np.zeros((0, 0))
     table, numbers, faults = read_lines(watch.header, lines, watch.line + 1)
@@ -75,6 +92,17 @@ def rows_in(watch: Watch, came: Lines) -> np.ndarray:
     rows, disorder, watch.order = in_order(table, numbers, watch.order)
     report(watch, sorted([*faults, *disorder]))
     return rows
+
+
+def _session(watch: Watch, header: Header) -> Session:
+    """The banks of the low-order equivalent system, with a regression in the frequency domain."""
+    vehicle = vehicle_to_watch(watch.vehicle_path, watch.reference)
+    session = Session(vehicle, watch.name, header.stick_unit, refine=watch.refine)
+    if watch.omega is not None:
+        outputs = [name for name, column in zip(LOES.outputs, header.columns[2:], strict=True) if column is not None]
+        if {"alpha", "q"} <= set(outputs):
+            session.spectral = spectral_session(vehicle, watch.name, outputs, watch.omega)
+    return session
 
 
 def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:

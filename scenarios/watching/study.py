@@ -24,11 +24,13 @@ from scenarios.watching.history import NAME, History
 from scenarios.watching.reference import Reference
 from scenarios.watching.report import watch_page
 from scenarios.watching.session import Session
+from scenarios.watching.spectral import METHOD, history_csv, last_estimate, spectral_content
 from scenarios.watching.table import CrossValidation
 from sim.errors import DeclarationError
 from sim.record import Record
 
-FILES = ("comparison.json", NAME, "record.csv", "record.json", CONTENT, PAGE)
+FREQUENCY = "frequency.csv"  # beside the history of the bank
+FILES = ("comparison.json", NAME, FREQUENCY, "record.csv", "record.json", CONTENT, PAGE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,8 @@ def write_watch(out: Path, session: Session, reference: Reference | None, end: O
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, end.record)
         (scratch / NAME).write_text(history.finish(), encoding="ascii", newline="\n")
+        if session.spectral is not None and session.spectral.points:
+            (scratch / FREQUENCY).write_text(history_csv(session.spectral), encoding="ascii", newline="\n")
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = watch_content(session, reference, end)
         write_page(scratch, watch_page(content, name, digest))
@@ -91,15 +95,18 @@ def watch_content(session: Session, reference: Reference | None, end: Outcome) -
         main: dict[str, Any] = {**estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests), "method": "ekf"}
     else:
         main = {**_content(session, end.online), "method": "online-refined"} if end.refined else plain
+    methods: dict[str, Any] = {"online": plain} if end.refined else {}
+    if session.spectral is not None and last_estimate(session.spectral) is not None:
+        methods[METHOD] = spectral_content(session.spectral)
     return {
         "schema": SCHEMA,
         "scenario": "watch",
         "model": "loes",
         "vehicle": session.vehicle.name,
         **main,
-        **({"methods": {"online": plain}} if end.refined else {}),
+        **({"methods": methods} if methods else {}),
         "bank": {"delays": bank.delays, "weights": alone.weights, "most_likely": float(bank.delays[state.best])},
-        **({} if reference is None else {"reference": _reference_content(reference, end.standings)}),
+        **({} if reference is None else {"reference": reference_content(reference, end.standings)}),
         "stream": {
             "rows": len(end.record),
             "left_out": end.left_out,
@@ -134,7 +141,8 @@ def rows_of(names: Sequence[str], units: Sequence[str], values: Sequence[float],
     return tuple(Row(*each) for each in zip(names, units, values, std, strict=True) if each[3] > 0)
 
 
-def _reference_content(reference: Reference, items: Sequence[CrossValidation]) -> dict[str, Any]:
+def reference_content(reference: Reference, items: Sequence[CrossValidation]) -> dict[str, Any]:
+    """The reference and what differs from it, for ``comparison.json``."""
     compared = [item for item in items if item.reference is not None and item.z is not None]
     return {
         "study": resolved(Path(reference.name)).name,

@@ -144,6 +144,61 @@ def frequency_response(x29: X29, omega: np.ndarray, recorded: bool = False) -> n
     return np.asarray(response * np.exp(-1j * np.asarray(omega) * skew))
 
 
+LOOP_TEST_NAMES = ("sweep", "command", "returned", "q", "nz")
+
+
+@dataclass(frozen=True)
+class LoopNoise:
+    """What disturbs a test of the loop, standard deviations.
+
+    Attributes
+    ----------
+    gyro, accelerometer : deg/s and g, white from frame to frame, of the sensors that the law reads.
+    rough_air : deg of u_p, a disturbance of the surfaces with a time constant of ``rough_air_time`` s.
+    """
+
+    gyro: float = 0.05
+    accelerometer: float = 0.005
+    rough_air: float = 0.05
+    rough_air_time: float = 0.3
+
+
+def loop_test(x29: X29, sweep: np.ndarray, rng: np.random.Generator, noise: LoopNoise = LoopNoise()) -> np.ndarray:
+    """Fly the linear loop with an excitation that is added to the computer's command.
+
+        command = sweep - returned,   returned = L command + what noise and rough air bring back
+
+    Parameters
+    ----------
+    sweep : ``(N,)``, deg of u_p at every frame. rng : of noise and rough air.
+
+    Returns
+    -------
+    ``(5, N)``, the signals of ``LOOP_TEST_NAMES``: deg, deg, deg, rad/s and g (incremental), about trim.
+    """
+    import control
+
+    law, frame = law_matrices(x29.law), x29.frame
+    back = _named(Matrices(law.A, law.B[:, 1:], -law.C, -law.D[:, 1:]), ["read_rate", "read_load"], ["returned"], "law", frame)
+    sums = [
+        control.summing_junction(["sweep", "-returned"], "command", name="command_sum"),
+        control.summing_junction(["command", "rough_air"], "u_p", name="surface_sum"),
+        control.summing_junction(["gyro", "gyro_noise"], "read_rate", name="rate_sum"),
+        control.summing_junction(["accelerometer", "load_noise"], "read_load", name="load_sum"),
+    ]
+    driven = ["sweep", "rough_air", "gyro_noise", "load_noise"]
+    blocks = [sampled_plant(x29), back, *sums]
+    loop = control.interconnect(blocks, inputs=driven, outputs=list(LOOP_TEST_NAMES[1:]), check_unused=False, name="loop_test")
+    white = rng.standard_normal((3, len(sweep)))
+    share = np.exp(-frame / noise.rough_air_time)
+    air = np.zeros(len(sweep))
+    for k in range(1, len(sweep)):
+        air[k] = share * air[k - 1] + noise.rough_air * np.sqrt(1.0 - share**2) * white[0, k]
+    given = np.array([sweep, air, noise.gyro * white[1], noise.accelerometer * white[2]])
+    flown = control.forced_response(loop, timepts=frame * np.arange(len(sweep)), inputs=given)
+    return np.concatenate([given[:1], np.asarray(flown.outputs)])
+
+
 def _empty(outputs: int, inputs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((outputs, 0))
 

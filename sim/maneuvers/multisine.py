@@ -115,15 +115,29 @@ def orthogonal_multisines(
     return tuple(schroeder_multisine(level, period, list(own), start, cycles) for level, own in zip(rms, dealt, strict=True))
 
 
-def least_peak_multisine(rms: float, period: float, harmonics: Sequence[int], start: float = 0.0, cycles: int = 1) -> Multisine:
+def least_peak_multisine(
+    rms: float,
+    period: float,
+    harmonics: Sequence[int],
+    start: float = 0.0,
+    cycles: int = 1,
+    shares: Sequence[float] | None = None,
+) -> Multisine:
     """``schroeder_multisine`` with its phases improved until the peaks hardly fall any more.
+
+    ``shares`` : relative amplitudes of the harmonics; None for equal ones.
 
     Peaks are clipped and the phases of what is left kept, the clipping ever slighter (Van der Ouderaa, Schoukens and Renneboog, IEEE Trans.
     Instrumentation and Measurement 37(1), 1988); of all that was passed the lowest peak is taken, so it is never above Schroeder's.
     """
     first = schroeder_multisine(rms, period, harmonics, 0.0)
     at, count = np.asarray(first.harmonics), _FINE * max(first.harmonics)
-    size, phases = first.amplitudes[0], np.asarray(first.phases)
+    size, phases = np.asarray(first.amplitudes), np.asarray(first.phases)
+    if shares is not None:
+        relative = np.asarray(shares, dtype=float)
+        if relative.shape != size.shape or not (np.all(np.isfinite(relative)) and np.all(relative > 0.0)):
+            raise _bad("multisine", f"shares {list(shares)}", "give one above zero for each harmonic")
+        size = size * relative * math.sqrt(size.size / float(relative @ relative))
     best, lowest = phases, math.inf
     for step in range(_CLIPPINGS):
         spectrum = np.zeros(count // 2 + 1, dtype=complex)
@@ -134,10 +148,11 @@ def least_peak_multisine(rms: float, period: float, harmonics: Sequence[int], st
             best, lowest = phases, peak
         level = peak * (_LEVELS[0] + (_LEVELS[1] - _LEVELS[0]) * step / _CLIPPINGS)
         phases = np.angle(np.fft.rfft(np.clip(u, -level, level))[at])
-    plain = Multisine(period, first.harmonics, first.amplitudes, tuple(best.tolist()), 0.0)
+    amplitudes = tuple(size.tolist())
+    plain = Multisine(period, first.harmonics, amplitudes, tuple(best.tolist()), 0.0)
     shift = _first_zero(plain)
     turned = tuple(phase + 2.0 * math.pi * harmonic * shift / period for harmonic, phase in zip(first.harmonics, best.tolist(), strict=True))
-    return Multisine(period, first.harmonics, first.amplitudes, turned, start, cycles)
+    return Multisine(period, first.harmonics, amplitudes, turned, start, cycles)
 
 
 def peak_factor(multisine: Multisine) -> float:

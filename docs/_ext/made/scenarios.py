@@ -10,6 +10,7 @@ KIND = {
     "identification": "Simulated, identified, compared",
     "trace": "Something hidden, to be traced",
     "x29": "Closed loop of the X-29",
+    "sweep": "Swept in flight: response, model, margins",
     "jsbsim": "Flown by JSBSim",
 }
 

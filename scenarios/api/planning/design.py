@@ -18,6 +18,7 @@ from scenarios.maneuver_design.asked import TYPICAL, Asked
 from scenarios.maneuver_design.files import input_of, write_design
 from scenarios.maneuver_design.text import comparison, design_text, peaks_of, verdict_of
 from scenarios.plots.formats import formats_wanted
+from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     import pandas
@@ -53,6 +54,25 @@ class Design:
         """The input to be flown, of the best kind or another: a record without outputs, SI, held between samples."""
         chosen = next((each for each in self.details.maneuvers if each.kind == kind), self.details.best)
         return record_of(input_of(chosen))
+
+    def coherence(self, output: str, input: str, kind: str | None = None) -> pandas.DataFrame:
+        """Coherence and random error to expect of a response, by frequency in Hz; of the best kind or another.
+
+        Raises InputError where no band was asked for, or there is no such response.
+        """
+        import pandas
+
+        chosen = next((each for each in self.details.maneuvers if each.kind == kind), self.details.best)
+        found = chosen.responses
+        if found is None:
+            raise DeclarationError("no band is asked for", where="design", remedy="give band, Hz")
+        for name, names in ((output, found.outputs), (input, found.inputs)):
+            if name not in names:
+                remedy = f"there are {', '.join(names)}"
+                raise DeclarationError(f"there is no {name!r}", where="coherence", remedy=remedy)
+        at = found.outputs.index(output), found.inputs.index(input)
+        columns = {"coherence": found.coherence[at], "random_error": found.random_error[at]}
+        return pandas.DataFrame(columns, index=pandas.Index(found.frequency, name="frequency_Hz"))
 
     def to_dataframe(self) -> pandas.DataFrame:
         """A row a kind, the best first: pace (s), peaks, mean sigma over the values, log likelihood and chance."""
@@ -97,6 +117,7 @@ def design(
     amplitude: Mapping[str, float | str] | None = None,
     duration: float | None = None,
     rate: float | None = None,
+    band: tuple[float, float] | None = None,
 ) -> Design:
     """Design a maneuver of each kind and compare them: ``flightid design`` in Python.
 
@@ -106,7 +127,8 @@ def design(
     tell : names of effects to be told apart, the first against each other one.
     size : ``"typical"``, ``"found"``, or values of the first effect's own parameters.
     value, noise, amplitude : derivatives, noise by output, largest deflection by input; numbers in SI or texts with a unit.
-    duration, rate : s, samples a second.
+    duration, rate : s, samples a second. band : Hz; a sweep and multisines over it, compared by the
+        frequency responses to expect (``coherence``).
 
     Raises
     ------
@@ -117,7 +139,7 @@ def design(
     source = source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else None
     text = size if isinstance(size, str) else ",".join(_texts(size))
     names = (tell,) if isinstance(tell, str) else tuple(tell)
-    return Design(designing.design(Asked(asked, source, given, names, text, _texts(value), _texts(noise), _texts(amplitude), duration, rate)))
+    return Design(designing.design(Asked(asked, source, given, names, text, _texts(value), _texts(noise), _texts(amplitude), duration, rate, band)))
 
 
 def _texts(some: Mapping[str, Any] | None) -> tuple[str, ...]:

@@ -27,6 +27,10 @@ def design(
     amplitude: Annotated[list[str] | None, typer.Option("--amplitude", metavar="INPUT=SIZE,...", help="Largest deflections from trim.")] = None,
     duration: Annotated[float | None, typer.Option("--duration", metavar="S", help="Length of the record, s.")] = None,
     rate: Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Samples a second.")] = None,
+    band: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--band", metavar="LOW HIGH", help="Hz: a sweep and multisines for frequency responses, with the coherence to expect."),
+    ] = None,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -39,6 +43,6 @@ def design(
     from scenarios.maneuver_design.asked import Asked
 
     names = tuple(name.strip() for name in tell.split(",") if name.strip())
-    asked = Asked(model, vehicle, limits, names, size, tuple(values or ()), tuple(noise or ()), tuple(amplitude or ()), duration, rate)
+    asked = Asked(model, vehicle, limits, names, size, tuple(values or ()), tuple(noise or ()), tuple(amplitude or ()), duration, rate, band)
     with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["design.json"]) as told:
         design_maneuver(asked, told.out, told.figures, progress=told.progress)

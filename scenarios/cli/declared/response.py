@@ -76,6 +76,24 @@ Bandwidth = Annotated[
         help="Bandwidth and phase delay of outputs that are a rate or an attitude.",
     ),
 ]
+Margins = Annotated[
+    str | None,
+    typer.Option(
+        "--margins",
+        metavar="SIGN",
+        autocompletion=of("minus", "plus"),
+        help="Stability margins of a loop whose output returns into the input with this sign.",
+    ),
+]
+Levels = Annotated[
+    str | None,
+    typer.Option(
+        "--levels",
+        metavar="CLASS-CATEGORY",
+        help="Levels of fitted forms: class I, II-C, II-L, III, IV and flight phase A, B, C, as in IV-A.",
+    ),
+]
+Airspeed = Annotated[float | None, typer.Option("--airspeed", metavar="V", help="m/s; n/alpha and CAP of a fitted pitch rate.")]
 Coherence = Annotated[float, typer.Option("--coherence", metavar="C", help="Least coherence of the usable band.")]
 
 
@@ -101,6 +119,9 @@ def response(
     fix: Fix = None,
     shared_poles: Shared = False,
     bandwidth: Bandwidth = None,
+    margins: Margins = None,
+    levels: Levels = None,
+    airspeed: Airspeed = None,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
@@ -127,6 +148,8 @@ def response(
             (band, tuple(window or ()), tapers, coherence),
             (tuple(fit or ()), tuple(fix or ()), shared_poles),
             bandwidth,
+            margins,
+            (levels, airspeed),
             told.out,
             told.figures,
         )

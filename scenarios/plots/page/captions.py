@@ -46,6 +46,8 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "response": "Magnitude, phase and coherence over frequency, with 95 % bands; grey: outside the usable band",
         "mismatch": "The estimated response over the fitted one, between the envelopes of dynamics that a pilot does not notice",
         "bandwidth": "The attitude response with its phase and gain bandwidth and its phase delay, spans of 95 %",
+        "coherence": "Coherence of every response that is expected of one flight, over frequency; dotted: the limit of a usable one",
+        "loop": "The broken-loop response with its gain and phase margins, and its distance from -1, spans of 95 %",
         "watched": "Parameters while the stream arrived",
     }
 )

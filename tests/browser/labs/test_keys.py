@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 KEYS = Path(__file__).parents[3] / "flightid" / "labs" / "keys"
-WORKINGS = {1: "falling_body", 2: "short_period", 3: "flexibility", 4: "augmented", 6: "honest_sigmas"}
+WORKINGS = {1: "falling_body", 2: "short_period", 3: "flexibility", 4: "augmented", 6: "honest_sigmas", 8: "swept_loop"}
 LEFT = "as they are"
 
 
@@ -70,6 +70,12 @@ def test_answers_that_are_computed_are_those_of_the_keys() -> None:
     assert short_period.tuned_doublet(1.967) == pytest.approx(1.18, abs=0.01)
     assert (flexibility.nearer(), flexibility.worst(), flexibility.first_seen(), flexibility.enough_noise()) == ("condensed", "Cm_q", 1.5, 0.15)
     assert (augmented.level_of_delay(), augmented.most_constant()) == ("Level 2", "delay and lag together")
+
+
+def test_the_longest_delay_of_lab_8_is_that_of_its_key() -> None:
+    from flightid.labs.workings.swept_loop import longest_delay
+
+    assert longest_delay() == 42.0 and "42 ms" in (KEYS / "lab8.md").read_text(encoding="utf-8")
 
 
 def test_secrets_of_lab_5_are_those_of_its_key() -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 # A text of each lab's last part.
-LAST: Mapping[int, str] = {**dict.fromkeys((1, 2, 3, 4, 6), "To think about"), 5: "Play five seeds", 7: "What does the model lack?"}
+LAST: Mapping[int, str] = {**dict.fromkeys((1, 2, 3, 4, 6, 8), "To think about"), 5: "Play five seeds", 7: "What does the model lack?"}
 
 
 @pytest.fixture(scope="module")

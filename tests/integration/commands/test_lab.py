@@ -18,11 +18,11 @@ from tests.integration.command_line import CommandLine
 LABS = lab_files()
 
 
-def test_seven_labs_are_listed(flightid: CommandLine) -> None:
+def test_eight_labs_are_listed(flightid: CommandLine) -> None:
     lines = flightid.done("lab").splitlines()
-    assert [*LABS] == [*range(1, 8)]
-    assert lines[:7] == [f"{number}  {title_of(path)}" for number, path in LABS.items()]
-    assert len({title_of(path) for path in LABS.values()}) == 7 and "find the effect" in lines[4]
+    assert [*LABS] == [*range(1, 9)]
+    assert lines[:8] == [f"{number}  {title_of(path)}" for number, path in LABS.items()]
+    assert len({title_of(path) for path in LABS.values()}) == 8 and "find the effect" in lines[4]
 
 
 @pytest.mark.parametrize("number", LABS)

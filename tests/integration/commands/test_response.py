@@ -6,6 +6,7 @@ import csv
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from scipy import signal
 
 import flightid as fid
 from scenarios.cli import main
+from sim.closed_loop.linear import loop_test, margins
+from sim.closed_loop.reader import load_x29
 from tests.recorders.logs import write_dataflash
 
 RATE = 400.0
@@ -339,3 +342,108 @@ def test_proportional_inputs_are_refused(tmp_path: Path) -> None:
     path = write_csv(tmp_path, time=time[::8], a=target[::8], twice=2.0 * target[::8], b=rate[::8])
     with pytest.raises(fid.InputError, match="follows from the other inputs"):
         fid.frequency_response(path, ["a", "twice"], "b", band=(0.2, 5.0))
+
+
+def loop_flight(seed: int, duration: float = 60.0, sign: float = -1.0) -> dict[str, Any]:
+    """Signals at 80 Hz of the X-29-like loop under a sweep of its command."""
+    x29 = load_x29("F")
+    time = x29.frame * np.arange(int(duration / x29.frame))
+    sweep = 0.5 * signal.chirp(time, 0.15, duration, 10.0, method="logarithmic")
+    _, command, returned, _, _ = loop_test(x29, sweep, np.random.default_rng(seed))
+    return {"time": time, "sweep": sweep, "command": command, "returned": -sign * returned}
+
+
+LOOP_WORDS = ("--input", "command", "--output", "returned", "--reference", "sweep", "--band", "0.2", "10")
+
+
+def test_stability_margins_of_pooled_flights(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paths = [write_csv(tmp_path, f"flight{n}.csv", **loop_flight(n)) for n in (1, 2, 3)]
+    out = tmp_path / "loop"
+    assert typed("response", *paths, *LOOP_WORDS, "--margins", "minus", "--out", out) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "phase margin" in printed and "The worst maneuver" in printed
+    assert "gain increase of 6 dB not met" in printed and "phase margin of 45 deg not met" in printed
+    exact = margins(load_x29("F"))
+    written = json.loads((out / "responses.json").read_text())["margins"]
+    pooled = written["pooled"]
+    for name, value in (("gain_increase", exact.gain_increase), ("phase_margin", exact.phase)):
+        assert pooled[name]["low"] < value < pooled[name]["high"]
+        assert pooled[name]["high"] - pooled[name]["low"] < 0.1 * abs(value)
+    phases = [each["phase_margin"]["value"] for each in written["maneuvers"]]
+    assert written["worst"]["phase_margin"]["value"] == min(phases)
+    assert written["worst"]["phase_margin"]["maneuver"] == written["maneuvers"][int(np.argmin(phases))]["name"]
+    assert (out / "loop.png").is_file() and "Stability margins" in (out / "report.html").read_text()
+    found = fid.frequency_response(paths, "command", "returned", reference="sweep", band=(0.2, 10.0), margins="minus")
+    assert found.margins["phase_margin"]["value"] == pooled["phase_margin"]["value"]
+    assert found.worst_margins["phase_margin"] == written["worst"]["phase_margin"]
+    assert found.plot.loop().axes
+
+
+def test_a_loop_that_adds_has_the_same_margins(tmp_path: Path) -> None:
+    one, other = loop_flight(4), loop_flight(4, sign=1.0)
+    wanted: dict[str, Any] = {"reference": "sweep", "band": (0.2, 10.0)}
+    minus = fid.frequency_response(one, "command", "returned", margins="minus", **wanted)
+    plus = fid.frequency_response(other, "command", "returned", margins="plus", **wanted)
+    assert minus.margins["phase_margin"]["value"] == pytest.approx(plus.margins["phase_margin"]["value"], rel=1e-9)
+    assert not any("--margins" in line for line in (*minus.warnings, *plus.warnings))
+    wrong = fid.frequency_response(other, "command", "returned", margins="minus", **wanted)
+    assert any("--margins plus fits these signals" in line for line in wrong.warnings)
+
+
+def test_margins_without_an_excitation_say_that_they_are_biased() -> None:
+    found = fid.frequency_response(loop_flight(5), "command", "returned", band=(0.3, 10.0), margins="minus")
+    assert any("margins from the direct estimate" in line for line in found.warnings)
+    plain = fid.frequency_response(loop_flight(5), "command", "returned", band=(0.3, 10.0))
+    assert plain.margins == {} and plain.worst_margins == {}
+    with pytest.raises(fid.InputError, match="no margins to draw"):
+        plain.plot.loop()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--input", "command", "--output", "returned", "--margins", "times"], "there is no sign 'times'"),
+        (["--input", "command", "--output", "returned", "--output", "sweep", "--margins", "minus"], "are no single loop"),
+        (["--input", "command", "--input", "sweep", "--output", "returned", "--margins", "plus"], "2 inputs and 1 outputs"),
+    ],
+)
+def test_bad_loops_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
+    path = write_csv(tmp_path, **loop_flight(1))
+    assert typed("response", path, *words) == 2
+    shown = capsys.readouterr()
+    assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err
+
+
+def test_levels_of_fitted_forms(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    time, target, rate = chirp_flight()
+    path, out = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8]), tmp_path / "roll"
+    words = ("--input", "a", "--output", "b", "--fit", "roll", "--levels", "IV-A")
+    assert typed("response", path, *words, "--out", out) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "b/a: roll time constant 0.0" in printed and "roll time constant: level 1 (MIL-F-8785C 3.3.1.2, table VII)" in printed
+    (one,) = json.loads((out / "responses.json").read_text())["flying_qualities"]
+    assert one["roll_time_constant"]["value"] == pytest.approx(LAG, rel=0.05)
+    assert {each["quantity"]: each["level"] for each in one["levels"]} == {"roll_time_constant": 1, "total_delay": 1}
+    found = fid.frequency_response(path, "a", "b", fit="roll", levels="IV-A")
+    assert found.levels["b/a"]["roll_time_constant"] == (1, 1, 1)
+    pitch = fid.frequency_response(path, "a", "b", fit="pitch", airspeed=90.0)
+    assert "control_anticipation" in pitch.flying_qualities["b/a"] and pitch.levels == {}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--levels", "V-A"], "'V-A' is no class and category"),
+        (["--levels", "IV"], "'IV' is no class and category"),
+        (["--levels", "IV-A"], "no form is fitted"),
+        (["--fit", "0/1", "--levels", "IV-A"], "no form is fitted"),
+        (["--airspeed", "90"], "no pitch rate is fitted"),
+        (["--fit", "pitch", "--airspeed", "-1"], "no airspeed"),
+    ],
+)
+def test_bad_levels_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:
+    time, target, rate = chirp_flight()
+    path = write_csv(tmp_path, time=time[::8], a=target[::8], b=rate[::8])
+    assert typed("response", path, "--input", "a", "--output", "b", *words) == 2
+    shown = capsys.readouterr()
+    assert shown.out == "" and shown.err.count("\n") == 1 and said in shown.err

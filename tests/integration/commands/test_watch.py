@@ -26,24 +26,30 @@ from rich.console import Console
 from ident.banks.bank import run_bank
 from ident.banks.delays import DELAYS
 from ident.banks.online import bank_estimate
+from ident.frequency_domain.online import frequencies
+from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order import less
+from scenarios.watching import spectral
 from scenarios.watching.estimates import likely_estimate, plain_so_far, so_far
 from scenarios.watching.reference import Reference, read_reference, vehicle_to_watch
 from scenarios.watching.session import Session, record_of, start, take
+from scenarios.watching.spectral import spectral_session
 from scenarios.watching.stream import TOGETHER, pieces
 from scenarios.watching.table import View, live_table, standings
 from sim.record import Record
+from tests import bases
 from tests import loes_problem as problem
 from tests.bases import LOES_CONSTANTS, LOES_VALUES
 from tests.integration.command_line import CommandLine, contents
+from tests.rigid_problem import noisy
 
-WRITTEN = {"comparison.json", "history.csv", "record.csv", "record.json", "report.html", "report.json"}
+WRITTEN = {"comparison.json", "frequency.csv", "history.csv", "record.csv", "record.json", "report.html", "report.json"}
 
 ROOT = Path(__file__).parents[3]
 START = {**{name: 1.15 * value for name, value in LOES_VALUES.items()}, "L_q": 1.0, "delay": 0.05}
-WRITTEN = {"comparison.json", "history.csv", "record.csv", "record.json", "report.html", "report.json"}
+WRITTEN = {"comparison.json", "frequency.csv", "history.csv", "record.csv", "record.json", "report.html", "report.json"}
 PARAMETERS = {"L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "L_0", "M_0", "delta_0", "nz_0"}
 
 
@@ -127,7 +133,7 @@ def test_watch_finds_what_identify_finds(flightid: CommandLine, folder: Path, op
 def test_history_ends_at_the_online_estimate(flightid: CommandLine, flown: Record, folder: Path, options: list[str], tmp_path: Path) -> None:
     flightid.done("watch", folder / "flight.csv", *options, "--until-end", "--no-refine", "--out", tmp_path / "out")
     content, (header, rows) = comparison(tmp_path / "out"), history(tmp_path / "out")
-    assert content["method"] == "online" and "methods" not in content
+    assert content["method"] == "online" and set(content["methods"]) == {"frequency-domain"}
     last = dict(zip(header, rows[-1], strict=True))
     for name in PARAMETERS:
         assert last[name] == pytest.approx(content["parameters"][name]["estimate"], rel=1e-8)
@@ -316,7 +322,10 @@ def test_streams_that_are_refused(flightid: CommandLine, options: list[str], tmp
 
 def test_calls_that_are_refused(flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path) -> None:
     record = folder / "flight.csv"
-    assert "there is no model 'rigid'" in flightid.refused("watch", record, "--model", "rigid")
+    assert "there is no model 'rigit'" in flightid.refused("watch", record, "--model", "rigit")
+    assert "needs constants and starting values" in flightid.refused("watch", record, "--model", "rigid")
+    assert "2 to 1 Hz is no band" in flightid.refused("watch", record, *options, "--band", "2", "1")
+    assert "there is no page of the model rigid" in flightid.refused("watch", record, "--model", "rigid", "--page")
     assert "there is no page to serve" in flightid.refused("watch", record, *options, "--port", "8041")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
@@ -344,3 +353,143 @@ def test_identify_knows_the_low_order_equivalent_system(flightid: CommandLine, f
     row = content["parameters"]["delay"]
     assert abs(row["estimate"] - problem.TRUE_DELAY) < 4.0 * row["std"]
     assert "use ekf" in flightid.refused("identify", folder / "flight.csv", *options, "--method", "ukf")
+
+
+# In the frequency domain ------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Records and vehicle files of the rigid, the lateral and a user's own model, starts a fifth off."""
+    made = tmp_path_factory.mktemp("measured")
+    for name, values, model, flight in (
+        ("rigid", bases.RIGID_VALUES, bases.rigid_model(), bases.rigid_flight(10.0)),
+        ("lateral", bases.LATERAL_VALUES, bases.lateral_model(), bases.lateral_flight(10.0, 50.0)),
+        ("longitudinal", bases.LONGITUDINAL_VALUES, bases.longitudinal_model(), bases.longitudinal_flight(12.0, 50.0)),
+    ):
+        record = noisy(model, flight, np.random.default_rng(3))
+        outputs = tuple(replace(each, unit=CHANNEL_UNITS[each.name]) for each in record.outputs)
+        inputs = tuple(replace(each, unit=CHANNEL_UNITS[each.name]) for each in record.inputs)
+        record = replace(record, inputs=inputs, outputs=outputs)
+        write_record(made, record, name)
+        free = model.parameters.free_names
+        lines = [f'name = "{name}"', *(f"{key} = {value}" for key, value in values.items() if key not in free)]
+        lines += ["[derivatives]", *(f"{key} = {1.2 * values[key]}" for key in free)]
+        (made / f"{name}.toml").write_text("\n".join(lines))
+    return made
+
+
+@pytest.mark.parametrize("model", ["rigid", "lateral", "longitudinal"])
+def test_a_stream_of_measured_states(flightid: CommandLine, measured: Path, tmp_path: Path, model: str) -> None:
+    words = ("watch", measured / f"{model}.csv", "--model", model, "--vehicle", measured / f"{model}.toml", "--until-end")
+    printed = flightid.done(*words, "--out", tmp_path / "out")
+    assert "equation error in the frequency domain" in printed and " s: " in printed
+    assert {path.name for path in (tmp_path / "out").iterdir()} == WRITTEN - {"frequency.csv"}
+    content = comparison(tmp_path / "out")
+    true = {"rigid": bases.RIGID_VALUES, "lateral": bases.LATERAL_VALUES, "longitudinal": bases.LONGITUDINAL_VALUES}[model]
+    errors = {name: (each["estimate"] - true[name]) / each["std"] for name, each in content["parameters"].items()}
+    assert len(errors) >= 6 and np.mean(np.abs(list(errors.values())) < 2.5) >= 0.8, errors
+    with (tmp_path / "out" / "history.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    name, last = next(iter(content["parameters"].items()))
+    assert float(rows[-1][name]) == pytest.approx(last["estimate"], rel=1e-8)
+    assert float(rows[-1][f"{name}_std"]) == pytest.approx(last["std"], rel=1e-8)
+    assert content["method"] == "frequency-domain" and content["band_Hz"] == pytest.approx([0.1, 2.0])
+
+
+def test_how_rows_come_does_not_matter() -> None:
+    """One row at a time, all at once: the same estimates, bit for bit."""
+    record = noisy(bases.rigid_model(), bases.rigid_flight(6.0), np.random.default_rng(4))
+    values = bases.RIGID_VALUES
+    free = bases.rigid_model().parameters.free_names
+    constants = {name: value for name, value in values.items() if name not in free}
+    vehicle = VehicleFile("rigid", "rigid", constants, {name: values[name] for name in free})
+    table = np.concatenate([record.time[None], record.input_array(("elevator",)), record.output_array(("alpha", "q", "nz"))[0]])
+    found = []
+    for cuts in (range(1, table.shape[1]), [33, 34, 190], []):
+        session = spectral_session(vehicle, "stream", ("alpha", "q", "nz"), frequencies())
+        points = [point for part in np.split(table, list(cuts), axis=1) for point in spectral.take(session, part)]
+        found.append([*points, *spectral.regress(session)])
+    for other in found[1:]:
+        assert len(other) == len(found[0]) >= 5
+        for one, two in zip(found[0], other, strict=True):
+            assert one.time == two.time
+            np.testing.assert_array_equal(one.values, two.values)
+
+
+def test_the_bank_and_the_frequency_domain_agree(flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path) -> None:
+    printed = flightid.done("watch", folder / "flight.csv", *options, "--until-end", "--out", tmp_path / "out")
+    assert "in the frequency domain (difference from these" in " ".join(printed.split())
+    content = comparison(tmp_path / "out")
+    other = content["methods"]["frequency-domain"]
+    assert set(LOES_VALUES) == set(other["parameters"])
+    both = [name for name in other["parameters"] if name in content["parameters"]]
+    apart = [
+        (other["parameters"][name]["estimate"] - content["parameters"][name]["estimate"])
+        / max(other["parameters"][name]["std"], content["parameters"][name]["std"])
+        for name in both
+    ]
+    assert len(both) >= 6 and max(map(abs, apart)) < 3.0, dict(zip(both, apart, strict=True))
+    errors = [(each["estimate"] - LOES_VALUES[name]) / each["std"] for name, each in other["parameters"].items() if name != "delay"]
+    assert np.mean(np.abs(errors) < 2.5) >= 0.8
+
+
+def test_a_users_model_on_line_and_what_cannot_be(flightid: CommandLine, measured: Path, tmp_path: Path) -> None:
+    text = """
+from sim.declaration import own_model
+
+MODEL = own_model(
+    name="pitch",
+    states={"q": "rad/s"},
+    inputs={"elevator": "rad"},
+    outputs={"q": "rad/s"},
+    parameters={"M_q": (-2.0, "1/s"), "M_de": (-8.0, "1/s2")},
+    rates=lambda s, p: {"q": p.M_q * s.q + p.M_de * s.elevator},
+    readings=lambda s, p: {"q": s.q},
+)
+"""
+    own = tmp_path / "pitch.py"
+    own.write_text(text)
+    printed = flightid.done("watch", measured / "rigid.csv", "--model", own, "--until-end")
+    assert "M_de" in printed
+    bent = tmp_path / "bent.py"
+    bent.write_text(text.replace("p.M_q * s.q", "p.M_q * p.M_q * s.q"))
+    assert "not linear in M_q" in flightid.refused("watch", measured / "rigid.csv", "--model", bent, "--until-end", "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    hidden = tmp_path / "hidden.py"
+    hidden.write_text(text.replace('states={"q"', 'states={"w": "rad/s", "q"').replace('{"q": p.M_q', '{"w": -s.w, "q": s.w + p.M_q'))
+    assert "state w is not measured" in flightid.refused("watch", measured / "rigid.csv", "--model", hidden, "--until-end")
+
+
+def test_a_reference_of_the_same_model(flightid: CommandLine, measured: Path, tmp_path: Path) -> None:
+    words = (measured / "rigid.csv", "--model", "rigid", "--vehicle", measured / "rigid.toml")
+    flightid.done("identify", *words, "--no-figures", "--out", tmp_path / "study")
+    printed = flightid.done("watch", *words, "--until-end", "--reference", tmp_path / "study", "--out", tmp_path / "out")
+    assert "off, sigmas" in printed and "inside the bounds" in printed
+    assert comparison(tmp_path / "out")["reference"]["differences"]
+
+
+def test_a_stream_that_is_too_short_has_no_number(flightid: CommandLine, measured: Path, tmp_path: Path) -> None:
+    rows = (measured / "rigid.csv").read_text().splitlines()[:20]
+    (tmp_path / "short.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "short.json").write_text((measured / "rigid.json").read_text())
+    words = ("watch", tmp_path / "short.csv", "--model", "rigid", "--vehicle", measured / "rigid.toml", "--until-end")
+    printed = flightid.done(*words, "--out", tmp_path / "out")
+    assert "not determined by this stream: CL_alpha" in printed
+    content = comparison(tmp_path / "out")
+    assert content["parameters"] == {} and content["undetermined"][0] == "CL_alpha" and content["outcome"]
+    (tmp_path / "empty.csv").write_text("")
+    refused = flightid.refused("watch", tmp_path / "empty.csv", "--model", "rigid", "--vehicle", measured / "rigid.toml", "--until-end")
+    assert "the stream is empty" in refused
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_frequency_and_time_agree_on_the_x29_like_flight(flightid: CommandLine, tmp_path: Path, seed: int) -> None:
+    """The low-order equivalent of the closed loop: both within two deviations, the larger ones, of each other."""
+    flightid.done("simulate", "x29-flight", "--seed", seed, "--out", tmp_path / "flight.csv")
+    flightid.done("watch", tmp_path / "flight.csv", "--model", "loes", "--until-end", "--out", tmp_path / "out")
+    content = comparison(tmp_path / "out")
+    other = content["methods"]["frequency-domain"]["parameters"]
+    for name in set(other) & set(content["parameters"]):
+        one, two = content["parameters"][name], other[name]
+        assert abs(one["estimate"] - two["estimate"]) < 2.0 * max(one["std"], two["std"]), name

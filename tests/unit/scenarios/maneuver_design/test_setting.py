@@ -152,6 +152,7 @@ def test_a_maneuver_is_held_by_the_output_that_reaches_its_limit_else_by_its_amp
         criterion=0.1,
         sigmas={"a": 1.0, "b": math.inf},
         contests=(),
+        responses=None,
     )
     design: Any = None
     found = maneuver_content(design, maneuver)

@@ -7,7 +7,12 @@ import pytest
 from scipy import signal
 
 import flightid as fid
-from scenarios.plots.responses import figure_bandwidth, figure_mismatch, figure_response
+from scenarios.plots.responses import (
+    figure_bandwidth,
+    figure_margins,
+    figure_mismatch,
+    figure_response,
+)
 from sim.errors import DeclarationError
 from tests.figure_laws import broken_laws, words
 
@@ -42,9 +47,11 @@ def test_laws(flown: dict[str, np.ndarray], case: str) -> None:
         band=(0.1, 5.0),
         fit="pitch" if case != "two" else (),
         bandwidth="rate",
+        margins="minus" if case != "two" else None,
     ).details
     drawn = [figure_response(details)]
     drawn += [figure_bandwidth(details)]
+    drawn += [figure_margins(details)] if case != "two" else []
     drawn += [figure_mismatch(details)] if case != "two" else [figure_response(details, 0, 1)]
     for figure in drawn:
         assert not broken_laws(figure)
@@ -52,5 +59,7 @@ def test_laws(flown: dict[str, np.ndarray], case: str) -> None:
     assert ("direct" in words(drawn[0])) == (case == "joint")
     assert "phase bandwidth" in words(drawn[1]) and "-180 deg" in words(drawn[1])
     if case == "two":
+        with pytest.raises(DeclarationError, match="no margins to draw"):
+            figure_margins(details)
         with pytest.raises(DeclarationError, match="no transfer function is fitted"):
             figure_mismatch(details)

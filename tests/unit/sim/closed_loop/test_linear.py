@@ -120,3 +120,35 @@ def test_nothing_moves_before_the_delays_have_passed() -> None:
     # Three frames in the shaping, one in the law; the command then moves the surfaces within its frame.
     assert np.flatnonzero(np.abs(response[6]) > 1e-12)[0] == 3 + 3 + 1
     assert np.flatnonzero(np.abs(response[3]) > 1e-12)[0] == 3 + 3 + 1 + 1
+
+
+def test_a_test_of_the_loop_is_the_open_loop_behind_a_sum() -> None:
+    """Without noise: the returned signal is python-control's response of the open loop to the command."""
+    import control
+
+    from sim.closed_loop.linear import LoopNoise, loop_test, open_loop
+
+    x29 = load_x29("F")
+    sweep = np.sin(0.02 * np.arange(800) ** 1.3)
+    quiet = LoopNoise(0.0, 0.0, 0.0)
+    given, command, returned, q, nz = loop_test(x29, sweep, np.random.default_rng(1), quiet)
+    np.testing.assert_array_equal(given, sweep)
+    np.testing.assert_allclose(command, sweep - returned, atol=1e-12)
+    time = x29.frame * np.arange(800)
+    expected = np.squeeze(control.forced_response(open_loop(x29), timepts=time, inputs=command).outputs)
+    # The open loop grows without bounds, and rounding with it: over the first second it has not yet.
+    np.testing.assert_allclose(returned[:80], expected[:80], atol=1e-9)
+    assert np.ptp(q) > 0.0 and np.ptp(nz) > 0.0
+
+
+def test_noise_of_a_test_of_the_loop_is_as_large_as_declared() -> None:
+    from sim.closed_loop.linear import LoopNoise, loop_test
+
+    x29, still = load_x29("S"), np.zeros(4000)
+    one = loop_test(x29, still, np.random.default_rng(2), LoopNoise(0.1, 0.0, 0.0))
+    two = loop_test(x29, still, np.random.default_rng(2), LoopNoise(0.2, 0.0, 0.0))
+    np.testing.assert_allclose(two, 2.0 * one, atol=1e-12)
+    air = loop_test(x29, still, np.random.default_rng(2), LoopNoise(0.0, 0.0, 0.1))
+    again = loop_test(x29, still, np.random.default_rng(2), LoopNoise(0.0, 0.0, 0.1))
+    np.testing.assert_array_equal(air, again)
+    assert air[1].std() > 0.0

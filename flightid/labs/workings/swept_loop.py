@@ -1,0 +1,87 @@
+"""Lab 8: a sweep of a small aircraft's roll loop, its response and its margins, with and without the excitation."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from flightid.labs.workings.trying import KEPT
+
+if TYPE_CHECKING:
+    from scenarios.responses.analysis import Responses
+    from scenarios.trials.sweeps.study import SweepStudy
+
+SCENARIO = "uav-sweep"
+GAINS = (0.11, 0.16, 0.22, 0.3, 0.44)  # command per rad/s
+DELAYS = (12.0, 22.0, 32.0, 42.0, 52.0)  # ms
+ENOUGH = 45.0  # deg, of MIL-F-9490D
+
+
+def changes(gain: float = 0.22, delay: float = 32.0, amplitude: float = 0.15, gyro: float = 1.0) -> tuple[str, ...]:
+    """Changes of the scenario: gain of the law, delay (ms), amplitude of the sweep (of a full command), gyro noise (deg/s)."""
+    return (
+        f"loop.proportional={gain:g}",
+        f"loop.delay={delay:g} ms",
+        f"sweep.amplitude={amplitude:g}",
+        f"noise.gyro={gyro:g} deg/s",
+    )
+
+
+@lru_cache(KEPT)
+def study(asked: tuple[str, ...], seed: int = 1) -> SweepStudy:
+    """The flights and their estimates. Errors as ``run_sweep``."""
+    from scenarios.studies.catalogue import load_document
+    from scenarios.trials.sweeps.declaration import sweep_scenario_of
+    from scenarios.trials.sweeps.study import run_sweep
+
+    return run_sweep(sweep_scenario_of(*load_document(SCENARIO, asked)), seed)
+
+
+@lru_cache(KEPT)
+def without_excitation(asked: tuple[str, ...], seed: int = 1) -> Responses:
+    """The broken-loop response of the same flights by the direct estimate, which does not know the sweep."""
+    from scenarios.files.writing import write_record
+    from scenarios.preparation.request import Request
+    from scenarios.responses.analysis import Options, responses_of
+    from scenarios.responses.reading import Names
+
+    found = study(asked, seed)
+    with TemporaryDirectory(prefix="flightid-") as folder:
+        paths = tuple(write_record(Path(folder), record, f"flight{n}", simulated=True)[0] for n, record in enumerate(found.records, 1))
+        return responses_of(Request(paths), Names(("command",), ("returned",)), Options(found.scenario.band), margins="minus")
+
+
+def numbers(gain: float = 0.22, delay: float = 32.0, amplitude: float = 0.15, gyro: float = 1.0) -> dict[str, float]:
+    """What the key expects: margins, true and estimated, the model's numbers, the distance without the
+    excitation; zero for what the usable band does not show."""
+    asked = changes(gain, delay, amplitude, gyro)
+    found = study(asked)
+    rows = {row.name: row for row in found.rows}
+    known = {name: row.estimate for name, row in rows.items()}
+    loop = without_excitation(asked).loop
+    direct = loop.margins.distance if loop is not None else None
+    return {
+        "phase margin": rows["phase_margin"].estimate,
+        "true phase margin": rows["phase_margin"].true or 0.0,
+        "sigma of it": rows["phase_margin"].std,
+        "gain increase": known.get("gain_increase", 0.0),
+        "1/T_roll": rows["inv_T_roll"].estimate,
+        "delay, ms": 1000.0 * rows["delay"].estimate,
+        "distance": known.get("distance", 0.0),
+        "distance, direct": direct.size.value if direct is not None else 0.0,
+    }
+
+
+def longest_delay() -> float:
+    """The longest delay of the slider, ms, with which the true phase margin is enough."""
+    from scenarios.studies.catalogue import load_document
+    from scenarios.trials.sweeps.declaration import sweep_scenario_of
+    from scenarios.trials.sweeps.flight import true_margins
+
+    def margin(delay: float) -> float:
+        scenario = sweep_scenario_of(*load_document(SCENARIO, changes(delay=delay)))
+        return true_margins(scenario)["phase_margin"]
+
+    return max(delay for delay in DELAYS if margin(delay) >= ENOUGH)

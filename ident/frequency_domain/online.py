@@ -1,0 +1,513 @@
+"""Equation error in the frequency domain on recursive Fourier transforms, for streams.
+
+Morelli, "Real-Time Parameter Estimation in the Frequency Domain", Journal of Guidance, Control, and
+Dynamics 23(5), 2000; Klein and Morelli, "Aircraft System Identification", AIAA 2006, chapter 11.
+
+Over the step from sample i to i + 1 an equation of motion says x_{i+1} - x_i = integral of f(x, u) dt.
+Both sides, times exp(-j omega t_i), are summed up as the samples come, so that no sample is kept and
+neither the beginning nor the end of the motion needs a term of its own. For equations that are
+linear in their parameters, f = f_0 + sum_j theta_j f_j, this is a regression at each frequency; a
+constant for each equation takes up biases and what the trim leaves. Departures from Morelli's form:
+
+- integrals by Hermite and Simpson, exact to fourth order for inputs that are held;
+- sensor noise in the regressors lowers the estimate; its share of the normal matrix, known from the
+  noise of the samples, is taken off (Soderstrom, "Errors-in-Variables Methods in System
+  Identification", Springer 2018, chapter 5);
+- frequencies closer than one over the length of the stream share their errors: the covariance is
+  that of noise with the spectrum a + b omega^2 between all frequencies and equations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ident.estimate import LARGEST
+from sim.declaration.system import System
+from sim.errors import ModelError
+from sim.maths.elementary import COMPLEX_STEP, complex_step_jacobian
+
+LOW, HIGH, SPACING = 0.1, 2.0, 0.04  # Hz, as Morelli's: no slower drift, no structural modes
+LINEAR = 1e-7  # share of a rate by which an equation may bend with its parameters, rounding
+PASSES = 4  # of the regression, each with the noise spectrum that the last one left
+KEPT = 0.5  # least share of the information that must be left when the noise's is taken off
+_THIRD = 20.0  # variance of a third difference of white noise of variance one
+_NORMAL = 1.4826  # standard deviation over median absolute deviation
+
+
+@dataclass(frozen=True, eq=False)
+class OnlineEquations:
+    """The equations of a System that are regressed.
+
+    Attributes
+    ----------
+    system : what is identified. names : of its parameters, ``(q,)``; ``positions`` among all.
+    states : rows of the System's states whose equations count. readings : rows of its outputs that
+        are no states. sources : of each state, the row of the output that measures it, -1 where the
+        caller computes it.
+    omega : rad/s, ``(F,)``, evenly spaced. unmixed : ``(n, n)``, states from their outputs: a vane
+        ahead of the centre of gravity reads the pitch rate as well.
+    """
+
+    system: System
+    names: tuple[str, ...]
+    positions: tuple[int, ...]
+    states: tuple[int, ...]
+    readings: tuple[int, ...]
+    sources: tuple[int, ...]
+    omega: np.ndarray
+    unmixed: np.ndarray
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the equations, states first."""
+        rates = [self.system.state_names[k] for k in self.states]
+        return (*rates, *(self.system.output_names[k] for k in self.readings))
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Sums over the rows so far, e equations and F frequencies.
+
+    Attributes
+    ----------
+    rows : that counted. time, x, u : of the last, ``(n,)`` and ``(r,)``; None before the first.
+    left : ``(e, F)``, known sides. regressors : ``(e, q, F)``. constant : ``(e, F)``, transform of one.
+    apart, beside : ``(F,)`` and ``(2F - 1,)``, sums of exp(-j omega t) at differences and sums of
+        two frequencies.
+    noisy : ``(e, n, q, q)``, squares of the regressors' slopes by each state, over all samples.
+    noise : ``(n,)``, sums of the states' noise variances, times the samples ``counted``.
+    recent : ``(n, 3)``, the last samples of the states.
+    """
+
+    rows: int
+    time: float
+    x: np.ndarray | None
+    u: np.ndarray | None
+    left: np.ndarray
+    regressors: np.ndarray
+    constant: np.ndarray
+    apart: np.ndarray
+    beside: np.ndarray
+    noisy: np.ndarray
+    noise: np.ndarray
+    counted: np.ndarray
+    recent: np.ndarray
+
+    @property
+    def noise_variance(self) -> np.ndarray:
+        """Variance of the noise of a sample of each state, ``(n,)``."""
+        return np.asarray(self.noise / np.maximum(self.counted, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class OnlineEstimate:
+    """What the sums say of the parameters.
+
+    Attributes
+    ----------
+    values, covariance : ``(q,)`` and ``(q, q)``, the latter by Student's distribution: two standard
+        deviations hold 95 %. A parameter that nothing determines has an infinite variance.
+    cost : minus the log likelihood less constants. residuals : ``(e, F)`` complex. levels :
+        ``(e, F)``, their spectrum. degrees : real ones of the noise.
+    """
+
+    values: np.ndarray
+    covariance: np.ndarray
+    cost: float
+    residuals: np.ndarray
+    levels: np.ndarray
+    degrees: float
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations ``(q,)``."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+def frequencies(low: float = LOW, high: float = HIGH, spacing: float = SPACING) -> np.ndarray:
+    """Evenly spaced frequencies, rad/s, from ``low`` to ``high``, Hz."""
+    count = max(round((high - low) / spacing), 3)
+    return 2.0 * math.pi * np.linspace(low, high, count + 1)
+
+
+def online_equations(system: System, omega: np.ndarray, measured: Sequence[str], computed: Sequence[str] = ()) -> OnlineEquations:
+    """The equations of a System for a stream.
+
+    Parameters
+    ----------
+    measured : names of the outputs that the stream has. computed : states that the caller computes
+        from the inputs; their equations are left out.
+
+    Raises
+    ------
+    ModelError : a state that is not measured, an effect with a memory, no free parameter.
+    """
+    where = "equation error on line"
+    for stage in (*(() if computed else system.input_stages), *system.sensor_stages):
+        raise ModelError(f"effect {stage} keeps a memory", where=where, remedy="leave it out, or use flightid identify")
+    names = tuple(name for name in system.parameters.free_names if not name.startswith("bias_"))
+    if not names:
+        raise ModelError("no parameter is free", where=where, remedy="release at least one")
+    outputs = system.output_names
+    sources = []
+    for state in system.state_names:
+        if state in computed:
+            sources.append(-1)
+        elif state in outputs and state in measured:
+            sources.append(outputs.index(state))
+        else:
+            remedy = f"stream a channel {state}, or use flightid identify"
+            raise ModelError(f"state {state} is not measured", where=where, remedy=remedy)
+    states = tuple(k for k, source in enumerate(sources) if source >= 0)
+    readings = tuple(k for k, name in enumerate(outputs) if name not in system.state_names and name in measured)
+    positions = tuple(system.parameters.index(name) for name in names)
+    unmixed = _unmixed(system, positions, sources)
+    return OnlineEquations(system, names, positions, states, readings, tuple(sources), omega, unmixed)
+
+
+def _unmixed(system: System, positions: Sequence[int], sources: Sequence[int]) -> np.ndarray:
+    """States from the outputs of their names, ``(n, n)``.
+
+    Raises ModelError where a free parameter, or a state that is computed, acts on these outputs.
+    """
+    n, rest = len(sources), [0.0] * len(system.inputs)
+    known = [k for k, source in enumerate(sources) if source >= 0]
+
+    def reading(p: list[float]) -> np.ndarray:
+        start = [item.value for item in system.initial]
+        return complex_step_jacobian(lambda x: system.h(0.0, x, rest, p), start)
+
+    p = system.parameters.values().tolist()
+    base = reading(p)[[sources[k] for k in known]]
+    for position in positions:
+        moved = list(p)
+        moved[position] += 0.1 * max(abs(p[position]), 1e-3)
+        if not np.allclose(reading(moved)[[sources[k] for k in known]], base, rtol=0.0, atol=1e-12):
+            name = system.parameters.names[position]
+            remedy = f"fix {name}, or use flightid identify"
+            raise ModelError(f"{name} acts on the reading of a state", where="equation error on line", remedy=remedy)
+    out = np.zeros((n, n))
+    out[np.ix_(known, known)] = np.linalg.inv(base[:, known])
+    return out
+
+
+def begin(equations: OnlineEquations) -> Sums:
+    """Sums over nothing."""
+    e, q = len(equations.states) + len(equations.readings), len(equations.names)
+    n, f = len(equations.system.states), equations.omega.size
+    zero = np.zeros((e, f), dtype=complex)
+    wide = np.zeros((e, q, f), dtype=complex)
+    noisy, blank = np.zeros((e, n, q, q)), np.full((n, 3), np.nan)
+    apart, beside = np.zeros(f, dtype=complex), np.zeros(2 * f - 1, dtype=complex)
+    return Sums(0, -math.inf, None, None, zero, wide, zero, apart, beside, noisy, np.zeros(n), np.zeros(n), blank)
+
+
+def advance(
+    equations: OnlineEquations,
+    sums: Sums,
+    time: np.ndarray,
+    inputs: np.ndarray,
+    outputs: np.ndarray,
+    values: np.ndarray | None = None,
+    computed: np.ndarray | None = None,
+) -> Sums:
+    """The sums after further rows.
+
+    Parameters
+    ----------
+    time : s, ``(N,)``, increasing. inputs : ``(r, N)``, held. outputs : ``(m, N)`` in the System's
+        order, NaN where a sample is missing; a row without one of the states is bridged.
+    values : the last estimate of the parameters, for the curvature within a step; None for the start.
+    computed : ``(n, N)``, states that the caller computes, in their rows.
+    """
+    n = len(equations.system.states)
+    rows = [outputs[source] if source >= 0 else np.zeros(time.size) for source in equations.sources]
+    x = equations.unmixed @ np.array(rows)
+    if computed is not None:
+        for k, source in enumerate(equations.sources):
+            x[k] = computed[k] if source < 0 else x[k]
+    there = np.all(np.isfinite(x), axis=0)
+    if not there.any():
+        return sums
+    mean = _means_between(time, inputs, there)
+    begun = sums.x is not None and sums.u is not None
+    times = np.concatenate([[sums.time] if begun else [], time[there]])
+    states = np.concatenate([sums.x[:, None] if sums.x is not None else np.zeros((n, 0)), x[:, there]], axis=1)
+    held = np.concatenate([sums.u[:, None] if sums.u is not None else np.zeros((len(inputs), 0)), mean], axis=1)
+    points = Points(equations, values)
+    out = _with_steps(equations, sums, points, times, states, held)
+    out = _with_readings(equations, out, points, time[there], x[:, there], inputs[:, there], outputs[:, there])
+    out = _with_noise(equations, out, points, times, states, held, x[:, there])
+    kept = np.concatenate([sums.recent, x[:, there]], axis=1)[:, -3:]
+    return replace(out, rows=out.rows + int(there.sum()), time=float(times[-1]), x=states[:, -1], u=held[:, -1], recent=kept)
+
+
+def _means_between(time: np.ndarray, inputs: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Inputs from each row that counts to the next, means over rows that are bridged; ``(r, K)``."""
+    at = np.flatnonzero(there)
+    gained = np.cumsum(inputs[:, :-1] * np.diff(time), axis=1)
+    whole = np.concatenate([np.zeros((len(inputs), 1)), gained], axis=1)
+    spans = np.diff(time[at])
+    between = np.diff(whole[:, at], axis=1) / spans
+    return np.concatenate([between, inputs[:, at[-1:]]], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """The System's rates and readings with their slopes by the parameters, at samples."""
+
+    equations: OnlineEquations
+    values: np.ndarray | None
+
+    def of(self, function: Any, time: np.ndarray, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Parts ``(rows, N)`` without parameters and slopes ``(rows, q, N)`` by them."""
+        system, q = self.equations.system, len(self.equations.names)
+        p: list[Any] = list(system.parameters.values())
+        start = np.array([p[position] for position in self.equations.positions])
+        for column, position in enumerate(self.equations.positions):
+            p[position] = p[position] + 1j * COMPLEX_STEP * (np.arange(q) == column)
+        rows = function(time[:, None], [row[:, None] for row in x], [row[:, None] for row in u], p)
+        full = np.array([np.broadcast_to(row, (time.size, q)) for row in rows])
+        slopes = (full.imag / COMPLEX_STEP).transpose(0, 2, 1)
+        return full.real[:, :, 0] - np.einsum("kqn,q->kn", slopes, start), slopes
+
+    def rate(self, time: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Rates ``(n, N)`` with the last estimate."""
+        system = self.equations.system
+        p = list(system.parameters.values())
+        for k, position in enumerate(self.equations.positions):
+            if self.values is not None and np.isfinite(self.values[k]):
+                p[position] = float(self.values[k])
+        rows = system.f(time, list(x), list(u), p)
+        return np.array([np.broadcast_to(row, time.shape) for row in rows], dtype=float)
+
+
+def _with_steps(equations: OnlineEquations, sums: Sums, points: Points, times: np.ndarray, states: np.ndarray, held: np.ndarray) -> Sums:
+    """With the increments of the states between the rows, and the integrals of their rates."""
+    if times.size < 2:
+        return sums
+    step = np.diff(times)
+    first, last, u = states[:, :-1], states[:, 1:], held[:, :-1]
+    begin_, end = points.rate(times[:-1], first, u), points.rate(times[1:], last, u)
+    middle = 0.5 * (first + last) + 0.125 * step * (begin_ - end)
+    f = equations.system.f
+    parts = [points.of(f, t, x, u) for t, x in ((times[:-1], first), (times[:-1] + 0.5 * step, middle), (times[1:], last))]
+    known, slopes = (sum(w * part[k] for w, part in zip((1.0, 4.0, 1.0), parts, strict=True)) * step / 6.0 for k in (0, 1))
+    if not (np.all(np.abs(known) < LARGEST) and np.all(np.abs(slopes) < LARGEST)):
+        what = "a rate is no finite number at the measured states"
+        raise ModelError(what, where="equation error on line", remedy="check units and start values")
+    if not np.any(sums.apart):
+        _refuse_bent(equations, times[:-1], first, u)
+    rows = list(equations.states)
+    turns = np.exp(-1j * np.outer(times[:-1], equations.omega))
+    spaced = equations.omega[1] - equations.omega[0]
+    f_count = equations.omega.size
+    e = len(rows)
+    out = replace(sums, left=sums.left.copy(), regressors=sums.regressors.copy(), constant=sums.constant.copy())
+    out.left[:e] += (last - first - known)[rows] @ turns
+    out.regressors[:e] += slopes[rows] @ turns
+    out.constant[:e] += step @ turns
+    near = np.exp(-1j * np.outer(times[:-1], spaced * np.arange(f_count))).sum(axis=0)
+    far = np.exp(-1j * np.outer(times[:-1], 2.0 * equations.omega[0] + spaced * np.arange(2 * f_count - 1))).sum(axis=0)
+    return replace(out, apart=sums.apart + near, beside=sums.beside + far)
+
+
+def _with_readings(
+    equations: OnlineEquations, sums: Sums, points: Points, time: np.ndarray, x: np.ndarray, u: np.ndarray, outputs: np.ndarray
+) -> Sums:
+    """With the outputs that are no states, sample by sample."""
+    if not equations.readings:
+        return sums
+    known, slopes = points.of(equations.system.h, time, x, u)
+    turns = np.exp(-1j * np.outer(time, equations.omega))
+    out = replace(sums, left=sums.left.copy(), regressors=sums.regressors.copy(), constant=sums.constant.copy())
+    for row, k in enumerate(equations.readings, start=len(equations.states)):
+        there = np.isfinite(outputs[k])
+        out.left[row] += (outputs[k] - known[k])[there] @ turns[there]
+        out.regressors[row] += slopes[k][:, there] @ turns[there]
+        out.constant[row] += turns[there].sum(axis=0)
+    return out
+
+
+def _with_noise(
+    equations: OnlineEquations, sums: Sums, points: Points, times: np.ndarray, states: np.ndarray, held: np.ndarray, came: np.ndarray
+) -> Sums:
+    """With the noise of the states' samples, by their third differences, and its share of the regressors."""
+    rows = np.concatenate([sums.recent, came], axis=1)
+    third = np.diff(rows, 3, axis=1)
+    noise, counted = sums.noise.copy(), sums.counted.copy()
+    for k, row in enumerate(third):
+        known = row[np.isfinite(row)]
+        if known.size and equations.sources[k] >= 0:
+            noise[k] += known.size * (_NORMAL * float(np.median(np.abs(known)))) ** 2 / _THIRD
+            counted[k] += known.size
+    system, n = equations.system, len(equations.system.states)
+    at, x, u = times[-1:], states[:, -1:], held[:, -1:]
+    noisy = sums.noisy.copy()
+    step = float(np.median(np.diff(times))) if times.size > 1 else 0.0
+    _, f = points.of(system.f, at, x, u)
+    _, h = points.of(system.h, at, x, u)
+    for s in range(n):
+        moved = x.copy()
+        size = 1e-3 * max(abs(float(x[s, 0])), 1e-3)
+        moved[s] += size
+        for function, base, which, first, weight in (
+            (system.f, f, equations.states, 0, step**2),
+            (system.h, h, equations.readings, len(equations.states), 1.0),
+        ):
+            slope = (points.of(function, at, moved, u)[1] - base)[:, :, 0] / size
+            for row, k in enumerate(which, start=first):
+                noisy[row, s] += came.shape[1] * weight * np.outer(slope[k], slope[k])
+    return replace(sums, noisy=noisy, noise=noise, counted=counted)
+
+
+def _refuse_bent(equations: OnlineEquations, times: np.ndarray, x: np.ndarray, u: np.ndarray) -> None:
+    """Raise ModelError for a parameter by which a rate or reading is not linear."""
+    system, few = equations.system, slice(0, 8)
+    p = list(system.parameters.values())
+
+    def at(values: list[float]) -> np.ndarray:
+        given = (times[few], list(x[:, few]), list(u[:, few]), values)
+        rows = (*system.f(*given), *system.h(*given))
+        return np.array([np.broadcast_to(row, times[few].shape) for row in rows], dtype=float)
+
+    base = at(p)
+    for name, position in zip(equations.names, equations.positions, strict=True):
+        size = 0.1 * max(abs(p[position]), 1e-3)
+        ones = []
+        for sign in (1.0, -1.0):
+            moved = list(p)
+            moved[position] = p[position] + sign * size
+            ones.append(at(moved))
+        bent = np.abs(ones[0] + ones[1] - 2.0 * base)
+        room = LINEAR * np.maximum(np.abs(ones[0] - ones[1]), np.abs(base)) + 1e-300
+        if np.any(bent > room):
+            what = f"the equations are not linear in {name}"
+            raise ModelError(what, where="equation error on line", remedy=f"fix {name}, or use flightid identify")
+
+
+def estimate(equations: OnlineEquations, sums: Sums, more: np.ndarray | None = None) -> OnlineEstimate | None:
+    """The parameters by weighted regression; None while the sums do not determine the equations.
+
+    ``more`` : ``(e, k, F)``, further regressors, whose coefficients follow the parameters'.
+    """
+    if sums.rows < 3:
+        return None
+    e, f = sums.left.shape
+    regressors = sums.regressors if more is None else np.concatenate([sums.regressors, more], axis=1)
+    q = regressors.shape[1]
+    whole = np.zeros((e, q + e, f), dtype=complex)
+    whole[:, :q] = regressors
+    whole[range(e), range(q, q + e)] = sums.constant
+    # Columns and equations of like size, so that squares neither vanish nor overflow.
+    sizes = np.sqrt(np.mean(np.abs(sums.left) ** 2, axis=1))
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    count = max(float(np.abs(sums.apart[0])), 1.0)
+    levels = np.tile((sizes**2)[:, None], (1, f))
+    near = np.abs(sums.apart) ** 2
+    pairs = near[0] * f + 2.0 * float(near[1:] @ np.arange(f - 1, 0, -1))
+    independent = f * f * near[0] / pairs  # complex values of one equation
+    degrees = 2.0 * independent * e - np.count_nonzero(np.any(np.abs(whole) > 0.0, axis=(0, 2)))
+    if degrees < 3.0:
+        return None
+    found = None
+    for _ in range(PASSES):
+        found = _regressed(sums, whole, levels, q - sums.regressors.shape[1])
+        if found is None:
+            return None
+        theta, gain, unknown = found
+        residuals = sums.left - np.einsum("ecf,c->ef", whole, theta)
+        # What the regression takes of each equation: the trace of its part of the hat matrix.
+        spare = 2.0 * independent - np.einsum("aef,eaf->e", gain, whole).real
+        if np.any(spare < 2.0):
+            return None
+        levels = _levels(residuals, equations.omega, 2.0 * independent / spare, sizes)
+    assert found is not None
+    covariance = _covariance(gain, residuals, levels, sums, count)
+    from scipy.stats import t
+
+    wide = float(t.ppf(0.975, degrees)) / 1.959964
+    covariance = wide**2 * covariance
+    covariance[unknown, :] = covariance[:, unknown] = 0.0
+    covariance[unknown, unknown] = np.inf
+    cost = independent / f * float(np.sum(np.log(levels) + np.abs(residuals) ** 2 / levels))
+    return OnlineEstimate(theta[:q], covariance[:q, :q], cost, residuals, levels, degrees)
+
+
+def _regressed(sums: Sums, whole: np.ndarray, levels: np.ndarray, more: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Coefficients ``(c,)``, their gains ``(c, e, F)`` on the known sides, and which are unknown."""
+    weights = 1.0 / levels
+    normal = np.einsum("eaf,ef,ebf->ab", whole.conj(), weights, whole).real
+    scale = np.sqrt(np.maximum(np.diag(normal), 0.0))
+    unknown = scale <= 1e-12 * max(float(scale.max()), 1e-300)
+    scale = np.where(unknown, 1.0, scale)
+    plain = normal / np.outer(scale, scale)
+    plain[unknown, :] = plain[:, unknown] = 0.0
+    taken = np.zeros_like(normal)
+    p = sums.regressors.shape[1]
+    taken[:p, :p] = np.einsum("esab,s,e->ab", sums.noisy, sums.noise_variance, weights.sum(axis=1))
+    less = plain - taken / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(plain)
+    open_ = values < 1e-10 * max(float(values[-1]), 1e-300)
+    inverse = _inverse(plain, values, vectors)
+    # The share of the information that the noise had, in the direction where it is largest.
+    root = vectors[:, ~open_] / np.sqrt(values[~open_])
+    kept = np.linalg.eigvalsh(root.T @ less @ root)
+    if kept.size and kept[0] >= KEPT:
+        inverse = np.linalg.pinv(less, rcond=1e-10, hermitian=True)
+    elif kept.size:
+        return None
+    weak = np.any(np.abs(vectors[:, open_]) > 1e-3, axis=1) if open_.any() else np.zeros(len(scale), dtype=bool)
+    inverse = inverse / np.outer(scale, scale)
+    gain = np.einsum("ab,ebf,ef->aef", inverse, whole.conj(), weights)
+    theta = np.einsum("aef,ef->a", gain, sums.left).real
+    return theta, gain, np.flatnonzero(unknown | weak)
+
+
+def _inverse(matrix: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    kept = values >= 1e-10 * max(float(values[-1]), 1e-300)
+    return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
+
+
+def _levels(residuals: np.ndarray, omega: np.ndarray, larger: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Spectrum a + b omega^2 of each equation's residuals, ``(e, F)``: the noise that acts on the
+    motion, and that of a differentiated sensor. ``larger`` : ``(e,)``, for what the regression took."""
+    from scipy.optimize import nnls
+
+    shapes = np.column_stack([np.ones(omega.size), (omega / omega[-1]) ** 2])
+    out = np.empty(residuals.shape)
+    for k, row in enumerate(residuals):
+        power = larger[k] * np.abs(row) ** 2
+        floor = 1e-24 * sizes[k] ** 2
+        level = np.full(omega.size, max(float(power.mean()), floor))
+        for _ in range(3):
+            found = shapes @ nnls(shapes / level[:, None], power / level)[0]
+            level = np.maximum(found, 1e-3 * max(float(found.max()), floor))
+        out[k] = np.maximum(level, floor)
+    return out
+
+
+def _covariance(gain: np.ndarray, residuals: np.ndarray, levels: np.ndarray, sums: Sums, count: float) -> np.ndarray:
+    """Covariance of coefficients ``gain @ residuals`` for noise that frequencies and equations share."""
+    e, f = residuals.shape
+    spread = np.sqrt(levels)
+    alike = np.real(residuals / spread @ np.conj(residuals / spread).T)
+    size = np.sqrt(np.maximum(np.diag(alike), 1e-300))
+    alike = alike / np.outer(size, size)
+    lag = np.subtract.outer(np.arange(f), np.arange(f))
+    near = np.where(lag >= 0, sums.apart[np.abs(lag)], sums.apart[np.abs(lag)].conj()) / count
+    far = sums.beside[np.add.outer(np.arange(f), np.arange(f))] / count
+    # Of real noise, Re(g e): half of the real parts of g N g* and g P g^T.
+    g = gain * spread
+    total = np.zeros((gain.shape[0],) * 2)
+    for k in range(e):
+        plain, turned = g[:, k] @ near, g[:, k] @ far
+        for m in range(e):
+            both = plain @ g[:, m].conj().T + turned @ g[:, m].T
+            total += 0.5 * alike[k, m] * both.real
+    return 0.5 * (total + total.T)

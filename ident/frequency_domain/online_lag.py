@@ -1,0 +1,201 @@
+"""The low-order equivalent system on line: equation error with a pseudo-control behind a lag and a delay.
+
+The pseudo-control delta_dot = (stick(t - delay) - delta) / tau is not measured, and its lag and delay
+are the two parameters by which the equations are not linear. Given both it follows from the stick
+alone; Gauss-Newton steps over them have its slopes as two more regressors, so that their share of
+all deviations is in the covariance. Low-order equivalents in the frequency domain: Morelli,
+"Identification of Low Order Equivalent System Models from Flight Test Data", NASA TM-2000-210117.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.frequency_domain.online import (
+    OnlineEquations,
+    OnlineEstimate,
+    Points,
+    Sums,
+    advance,
+    begin,
+    estimate,
+    online_equations,
+)
+from sim.declaration.system import System
+
+LAG, DELAY, STATE = "inv_tau", "delay", "delta"
+SHORTEST, LONGEST, LATEST = 0.005, 2.0, 0.5  # s, of the lag's time constant, and of the delay
+FACTORS = (1.0, 0.4, 2.5)  # of the lag, from which a search begins
+AGAIN = 2  # times as many rows as at the last search from everywhere: the next one
+STEPS, SHARES = 8, (1.0, 0.3, 0.1, 0.03)
+MOST_ROWS = 6000  # that the pseudo-control is filtered over anew: two and a half minutes at 40 Hz
+
+
+@dataclass(frozen=True, eq=False)
+class LagStream:
+    """A stream of the low-order equivalent system.
+
+    Attributes
+    ----------
+    equations : with lag and delay held. sums : of the rows so far, the pseudo-control at zero.
+    times, stick : of the rows, ``(N,)``. turns : ``(N, F)``, exp(-j omega t).
+    slopes : ``(e, q)``, how the regressors go with the pseudo-control.
+    place : the last time constant of the lag and delay, s; ``searched``: rows at the last search from
+        everywhere.
+    """
+
+    equations: OnlineEquations
+    sums: Sums
+    times: np.ndarray
+    stick: np.ndarray
+    turns: np.ndarray
+    slopes: np.ndarray
+    place: tuple[float, float]
+    searched: int = 0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the estimated parameters, lag and delay last."""
+        return (*self.equations.names, LAG, DELAY)
+
+
+def lag_stream(system: System, omega: np.ndarray, measured: Sequence[str]) -> LagStream:
+    """A stream without rows. ``system`` : the low-order equivalent, its start where it is searched from."""
+    lag = 1.0 / max(system.parameters[LAG].value, 1.0 / LONGEST)
+    start = (max(lag, SHORTEST), system.parameters[DELAY].value)
+    held = replace(system, parameters=system.parameters.hold([LAG, DELAY]))
+    equations = online_equations(held, omega, measured, (STATE,))
+    empty = np.zeros(0)
+    turns = np.zeros((0, omega.size), dtype=complex)
+    slopes = _slopes(equations)
+    return LagStream(equations, begin(equations), empty, empty, turns, slopes, start)
+
+
+def taken(stream: LagStream, time: np.ndarray, stick: np.ndarray, outputs: np.ndarray, values: np.ndarray | None) -> LagStream:
+    """The stream after further rows: ``time``, ``stick`` ``(N,)``, ``outputs`` ``(m, N)``; ``values``
+    : the last estimate, for the curvature within a step. Rows beyond ``MOST_ROWS`` are left out."""
+    room = slice(0, max(MOST_ROWS - stream.times.size, 0))
+    time, stick, outputs = time[room], stick[room], outputs[:, room]
+    if not time.size:
+        return stream
+    few = None if values is None else values[: len(stream.equations.names)]
+    sums = advance(stream.equations, stream.sums, time, stick[None], outputs, few)
+    there = np.all(np.isfinite(outputs[[s for s in stream.equations.sources if s >= 0]]), axis=0)
+    turns = np.exp(-1j * np.outer(time, stream.equations.omega)) * there[:, None]
+    joined = [np.concatenate(each) for each in ((stream.times, time), (stream.stick, stick), (stream.turns, turns))]
+    return replace(stream, sums=sums, times=joined[0], stick=joined[1], turns=joined[2])
+
+
+def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
+    """The estimate with lag and delay behind the other parameters, and the stream with their place."""
+    if stream.times.size < 4:
+        return None, stream
+    starts = [stream.place]
+    if stream.times.size >= AGAIN * stream.searched:
+        step = float(np.median(np.diff(stream.times)))
+        delays = np.arange(0.0, 0.3, max(0.03, step))
+        starts += [(factor * stream.place[0], float(delay)) for factor in FACTORS for delay in delays]
+        stream = replace(stream, searched=stream.times.size)
+    found = [(each, one) for one in starts if (each := _at(stream, *one)) is not None]
+    if not found:
+        return None, stream
+    best, place = min(found, key=lambda pair: pair[0].cost)
+    q = len(stream.equations.names)
+    for _ in range(STEPS):
+        both = _at(stream, *place, best.values[:q])
+        if both is None:
+            return None, stream
+        moved = False
+        for share in SHARES:
+            step_ = share * both.values[q:]
+            lag, late = place[0] + step_[0], place[1] + step_[1]
+            there = (float(np.clip(lag, SHORTEST, LONGEST)), float(np.clip(late, 0.0, LATEST)))
+            trial = _at(stream, *there)
+            if trial is not None and trial.cost < best.cost:
+                gained, best, place, moved = best.cost - trial.cost, trial, there, True
+                break
+        if not moved or gained < 1e-3:
+            break
+    both = _at(stream, *place, best.values[:q])
+    if both is None:
+        return None, stream
+    # From the time constant to its inverse, which the parameter is.
+    turn = np.ones(q + 2)
+    turn[q] = -1.0 / place[0] ** 2
+    values = np.concatenate([best.values[:q], [1.0 / place[0], place[1]]])
+    result = replace(both, values=values, covariance=both.covariance * np.outer(turn, turn), cost=best.cost)
+    return result, replace(stream, place=place)
+
+
+def _at(stream: LagStream, time: float, late: float, values: np.ndarray | None = None) -> OnlineEstimate | None:
+    """The regression with time constant of the lag and delay given, s; with ``values`` of the other parameters also over
+    small changes of the two, whose coefficients follow."""
+    sums = stream.sums
+    filled = sums.regressors + stream.slopes[:, :, None] * _transforms(stream, time, late)[:, None, :]
+    whole = replace(sums, regressors=filled)
+    if values is None:
+        return estimate(stream.equations, whole)
+    size = stream.slopes @ values
+    columns = []
+    for k, reach in enumerate((1e-3 * time, 1e-4)):
+        ends = []
+        for sign in (1.0, -1.0):
+            there = [time, late]
+            there[k] += sign * reach
+            ends.append(_transforms(stream, *there))
+        columns.append(size[:, None] * (ends[0] - ends[1]) / (2.0 * reach))
+    more = np.stack(columns, axis=1)
+    return estimate(stream.equations, whole, more)
+
+
+def _slopes(equations: OnlineEquations) -> np.ndarray:
+    """How the regressors of every equation go with the pseudo-control, ``(e, q)``."""
+    system, points = equations.system, Points(equations, None)
+    n, at = len(system.states), np.zeros(1)
+    unit = np.zeros((n, 1))
+    unit[system.state_names.index(STATE)] = 1.0
+    still = np.zeros((len(system.inputs), 1))
+    rows = []
+    for function, which in ((system.f, equations.states), (system.h, equations.readings)):
+        slope = points.of(function, at, unit, still)[1] - points.of(function, at, 0.0 * unit, still)[1]
+        rows += [slope[k, :, 0] for k in which]
+    return np.array(rows)
+
+
+def _transforms(stream: LagStream, time: float, late: float) -> np.ndarray:
+    """Of the pseudo-control ``(e, F)``: its integrals from row to row for rates, itself for readings."""
+    delta, whole = pseudo_control(stream.times, stream.stick, 1.0 / time, late)
+    kept = np.abs(stream.turns[:, 0]) > 0.0
+    turns, e = stream.turns[kept], len(stream.equations.states)
+    out = np.empty((len(stream.slopes), turns.shape[1]), dtype=complex)
+    out[:e] = np.diff(whole[kept]) @ turns[:-1]
+    out[e:] = delta[kept] @ turns
+    return out
+
+
+def pseudo_control(times: np.ndarray, stick: np.ndarray, lag: float, late: float) -> tuple[np.ndarray, np.ndarray]:
+    """The pseudo-control and its integral at the rows, ``(N,)`` each, of a stick that is held.
+
+    Before the first row it is at rest at the first stick. Exact where the rows are evenly spaced;
+    else by lines on even steps.
+    """
+    from scipy.signal import lfilter
+
+    step = float(np.median(np.diff(times)))
+    count = int(np.ceil((times[-1] - times[0]) / step - 1e-6)) + 1
+    grid = times[0] + step * np.arange(count)
+    at = np.clip(np.searchsorted(times, grid + 1e-6 * step, side="right") - 1, 0, times.size - 1)
+    u = stick[at] - stick[0]
+    whole, rest = divmod(max(late, 0.0), step)
+    before = np.concatenate([np.zeros(int(whole) + 1), u])[:count]
+    now = np.concatenate([np.zeros(int(whole)), u])[:count]
+    first, second = np.exp(-lag * rest), np.exp(-lag * (step - rest))
+    gained = second * (1.0 - first) * before + (1.0 - second) * now
+    delta = np.concatenate([[0.0], lfilter([1.0], [1.0, -first * second], gained)[:-1]])
+    area = np.concatenate([[0.0], np.cumsum(rest * before + (step - rest) * now)[:-1]])
+    integral = area - delta / lag
+    rows = [np.interp(times, grid, each) for each in (delta, integral)]
+    return rows[0] + stick[0], rows[1] + stick[0] * (times - times[0])

@@ -1,0 +1,241 @@
+"""Stability margins from the measured signals of a loop: pooled, by maneuver, and the worst of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.flying_qualities.stability_margins import (
+    REQUIRED_GAIN,
+    REQUIRED_PHASE,
+    LoopCurve,
+    Margin,
+    StabilityMargins,
+    WorstMargin,
+    loop_curve,
+    stability_margins,
+    turned,
+    worst_margins,
+)
+from ident.frequency_response import FrequencyResponses
+from scenarios.responses.fitting import target_of
+from scenarios.responses.reading import Names, ReadSignals
+from scenarios.terminal.tables import Column
+from sim.errors import DeclarationError, FlightidError
+
+MINUS, PLUS = "minus", "plus"
+DIFFER = 0.05  # chance below which maneuvers are said to differ
+UNITS = {"gain": "dB", "phase": "deg", "delay": "s", "distance": "-"}
+WORDS = {
+    "gain_increase": "gain increase",
+    "gain_decrease": "gain decrease",
+    "phase_margin": "phase margin",
+    "delay_margin": "delay margin",
+    "distance": "least distance from -1",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class LoopMargins:
+    """Margins of the loop that the records hold.
+
+    Attributes
+    ----------
+    name : ``"returned/command"``. sign : ``"minus"`` where the returned signal is subtracted.
+    curve, margins : of all records together. maneuvers : of each part by itself, None where it
+        gives no estimate; ``parts``: their names, ``reasons``: why, by name.
+    worst : the least of each margin over the parts; empty with one part.
+    cautions : what a user should know.
+    """
+
+    name: str
+    sign: str
+    curve: LoopCurve
+    margins: StabilityMargins
+    parts: tuple[str, ...]
+    maneuvers: tuple[StabilityMargins | None, ...]
+    reasons: tuple[str, ...]
+    worst: tuple[WorstMargin, ...]
+    cautions: tuple[str, ...]
+
+
+def refuse_loop(sign: str | None, names: Names) -> None:
+    """Raise DeclarationError for no sign of a loop, or for signals that are no single loop."""
+    if sign is None:
+        return
+    if sign not in (MINUS, PLUS):
+        remedy = f"say {MINUS} where the loop subtracts what returns, {PLUS} where it adds it"
+        raise DeclarationError(f"there is no sign {sign!r}", where="--margins", remedy=remedy)
+    if len(names.inputs) != 1 or len(names.outputs) != 1:
+        what = f"{len(names.inputs)} inputs and {len(names.outputs)} outputs are no single loop"
+        remedy = "name the signal behind the sum as --input, the one that returns as --output"
+        raise DeclarationError(what, where="--margins", remedy=remedy)
+
+
+def loop_margins_of(
+    found: FrequencyResponses,
+    names: Names,
+    sign: str | None,
+    read: ReadSignals,
+    again: Callable[[ReadSignals], FrequencyResponses],
+) -> LoopMargins | None:
+    """Margins of a loop; None without a ``sign``.
+
+    ``again`` : estimates the response of one part in the same way.
+    """
+    if sign is None or not found.usable[0, 0].any():
+        return None
+    name = f"{names.outputs[0]}/{names.inputs[0]}"
+
+    def margins(one: FrequencyResponses) -> tuple[LoopCurve, StabilityMargins]:
+        target = target_of(one, (0, 0), name)
+        target = target if sign == MINUS else turned(target)
+        return loop_curve(target), stability_margins(target)
+
+    curve, pooled = margins(found)
+    each: list[StabilityMargins | None] = []
+    reasons: list[str] = []
+    for number, part in enumerate(read.names):
+        if len(read.signals) < 2:
+            break
+        chosen = slice(number, number + 1)
+        alone = replace(read, signals=read.signals[chosen], names=(part,), durations=read.durations[chosen])
+        try:
+            one = again(alone)
+            each.append(margins(one)[1] if one.usable[0, 0].any() else None)
+            reasons += [] if each[-1] else [f"{part}: no usable band by itself"]
+        except FlightidError as error:
+            each.append(None)
+            reasons.append(f"{part}: no margins by itself: {error.what}")
+    known = [one for one in each if one is not None]
+    worst = worst_margins(known) if known else ()
+    at = [number for number, one in enumerate(each) if one is not None]
+    worst = tuple(replace(one, maneuver=at[one.maneuver]) for one in worst)
+    cautions = _cautions(found, names, sign, read, worst)
+    parts = read.names if each else ()
+    return LoopMargins(name, sign, curve, pooled, parts, tuple(each), tuple(reasons), worst, cautions)
+
+
+def _cautions(
+    found: FrequencyResponses,
+    names: Names,
+    sign: str,
+    read: ReadSignals,
+    worst: Sequence[WorstMargin],
+) -> tuple[str, ...]:
+    out = []
+    if not found.joint:
+        out.append(
+            "margins from the direct estimate: what noise and turbulence bring back through the loop "
+            "biases them; record the excitation and name it with --reference"
+        )
+    elif (said := _other_sign(read, sign)) is not None:
+        out.append(
+            f"{names.references[0]} is closer to {names.inputs[0]} {'+' if said == MINUS else '-'} "
+            f"{names.outputs[0]}: --margins {said} fits these signals"
+        )
+    for one in worst:
+        if one.p_value < DIFFER:
+            out.append(f"{WORDS[one.name]}: the maneuvers differ by more than chance (p = {one.p_value:.2g}); go by the worst one")
+    return tuple(out)
+
+
+def _other_sign(read: ReadSignals, sign: str) -> str | None:
+    """The other sign where the reference is made of command and returned signal by it.
+
+    A loop that subtracts has reference = command + returned, by which the two have regression
+    coefficients of one sign.
+    """
+    rows = [np.concatenate([each.references, each.inputs, each.outputs]) for each in read.signals]
+    reference, command, returned = np.concatenate([row - row.mean(axis=1, keepdims=True) for row in rows], axis=1)
+    both = np.column_stack([command, returned])
+    a, b = np.linalg.lstsq(both, reference, rcond=None)[0]
+    fitting = MINUS if a * b > 0.0 else PLUS
+    return None if fitting == sign else fitting
+
+
+def margin_columns(loop: LoopMargins) -> list[Column]:
+    """The table of the margins of all records together."""
+    rows = []
+    for name, margin in loop.margins.named.items():
+        unit, omega = UNITS[margin.kind], margin.frequency.value
+        size = margin.size.value
+        rows.append([WORDS[name], f"{size:.3g}", interval_text(margin), unit, f"{omega:.3g}", f"{omega / (2.0 * math.pi):.3g}"])
+    headings = ("margin", "value", "95 %", "unit", "at rad/s", "Hz")
+    return [Column(head, [row[n] for row in rows], left=head in ("margin", "unit")) for n, head in enumerate(headings)]
+
+
+def interval_text(margin: Margin) -> str:
+    """``"4.5 to 4.8"``, and ``or wider`` where the usable band ends before the interval does."""
+    text = f"{margin.low:.3g} to {margin.high:.3g}"
+    return f"{text} or wider" if margin.open else text
+
+
+def worst_columns(loop: LoopMargins) -> list[Column]:
+    """The table of the worst maneuver by margin."""
+    rows = []
+    for one in loop.worst:
+        least, unit = one.margin.size.value, UNITS[one.margin.kind]
+        shown = sum(each is not None for each in one.values)
+        rows.append([WORDS[one.name], f"{least:.3g}", f"{one.half:.2g}", unit, loop.parts[one.maneuver], str(shown), f"{one.p_value:.2g}"])
+    headings = ("worst of", "value", "+-", "unit", "maneuver", "maneuvers", "p alike")
+    left = ("worst of", "unit", "maneuver")
+    return [Column(head, [row[n] for row in rows], left=head in left) for n, head in enumerate(headings)]
+
+
+def margin_lines(loop: LoopMargins) -> list[str]:
+    """How the margins compare with the required ones, and what is not known."""
+    out = []
+    known = loop.margins.named
+    sizes = [("gain_increase", REQUIRED_GAIN, "dB"), ("gain_decrease", REQUIRED_GAIN, "dB"), ("phase_margin", REQUIRED_PHASE, "deg")]
+    said = []
+    for name, required, unit in sizes:
+        if name in known:
+            ends = sorted(abs(end) if known[name].low * known[name].high > 0.0 else end for end in (known[name].low, known[name].high))
+            verdict = "met" if ends[0] >= required and not known[name].open else "not met" if ends[1] < required else "undecided"
+            said.append(f"{WORDS[name]} of {required:g} {unit} {verdict}")
+    if said:
+        out.append(f"MIL-F-9490D, below the first structural mode, with the 95 % intervals: {', '.join(said)}")
+    return [*out, *loop.margins.notes, *loop.reasons]
+
+
+def margins_content(loop: LoopMargins) -> dict[str, object]:
+    """The margins for ``responses.json``."""
+    content: dict[str, object] = {
+        "response": loop.name,
+        "sign": loop.sign,
+        "pooled": {name: _margin_content(each) for name, each in loop.margins.named.items()},
+        "gain_crossings": [_margin_content(each) for each in loop.margins.phases],
+        "phase_crossings": [_margin_content(each) for each in loop.margins.gains],
+        "notes": [*loop.margins.notes, *loop.reasons],
+    }
+    if loop.parts:
+        content["maneuvers"] = [
+            {"name": part, **({name: _margin_content(one) for name, one in each.named.items()} if each else {})}
+            for part, each in zip(loop.parts, loop.maneuvers, strict=True)
+        ]
+        content["worst"] = {
+            one.name: {
+                "value": one.margin.size.value,
+                "half_width": one.half,
+                "maneuver": loop.parts[one.maneuver],
+                "p_alike": one.p_value,
+            }
+            for one in loop.worst
+        }
+    return content
+
+
+def _margin_content(margin: Margin) -> dict[str, object]:
+    return {
+        "value": margin.size.value,
+        "std": margin.size.std,
+        "low": margin.low,
+        "high": margin.high,
+        **({"reaches_band_end": True} if margin.open else {}),
+        "unit": "1" if margin.kind == "distance" else UNITS[margin.kind],
+        "frequency": margin.frequency.value,
+    }

@@ -1,0 +1,1 @@
+"""Sweeps of a loop whose response and margins are known."""

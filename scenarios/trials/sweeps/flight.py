@@ -1,0 +1,125 @@
+"""Flies a loop with a sweep of its command, and its true response and margins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from scenarios.trials.sweeps.declaration import RollLoop, SweepScenario
+from sim.closed_loop.linear import LoopNoise, loop_test, open_loop
+from sim.closed_loop.reader import load_x29
+from sim.errors import DeclarationError
+from sim.maneuvers.sweep import Spacing, Sweep
+from sim.record import Channel, Hold, Record
+
+TAPER = 0.02  # of the duration, at both ends of the sweep
+AIR_TIME = 0.5  # s, time constant of rough air
+LARGEST = 1e6  # of a roll rate, rad/s, from which the loop is unstable
+FINE = 20_000  # frequencies of the true margins
+
+
+def fly_sweep(scenario: SweepScenario, rng: np.random.Generator, number: int = 1) -> Record:
+    """One flight: inputs ``sweep`` and ``command``, outputs ``returned`` and the rate that is fed back.
+
+        command = sweep - returned
+
+    Raises DeclarationError where the loop is unstable.
+    """
+    rate = frame_rate(scenario)
+    time = np.arange(int(scenario.duration * rate + 1e-9)) / rate
+    edges = 2.0 * math.pi * scenario.low, 2.0 * math.pi * scenario.high
+    shape = Sweep(scenario.amplitude, *edges, scenario.duration, 0.0, TAPER * scenario.duration, Spacing.LOGARITHMIC)
+    sweep = np.asarray(shape(time))
+    name, unit = ("p", "rad/s") if scenario.loop is not None else ("q", "rad/s")
+    if scenario.loop is not None:
+        command, returned, turning = _roll(scenario.loop, sweep, scenario, rng)
+        of_command = "1"
+    else:
+        noise = LoopNoise(gyro=math.degrees(scenario.gyro))
+        _, command, returned, turning, _ = loop_test(load_x29(scenario.airframe), sweep, rng, noise)
+        of_command = "deg"
+    inputs = (Channel.of("sweep", of_command, sweep), Channel.of("command", of_command, command))
+    outputs = (Channel.of("returned", of_command, returned), Channel.of(name, unit, turning))
+    return Record(time, inputs, outputs, Hold.PREVIOUS, f"flight {number}")
+
+
+def frame_rate(scenario: SweepScenario) -> float:
+    """Frames a second, those of the record."""
+    return scenario.loop.rate if scenario.loop is not None else 1.0 / load_x29(scenario.airframe).frame
+
+
+def _roll(loop: RollLoop, sweep: np.ndarray, scenario: SweepScenario, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Command, returned signal and measured roll rate, frame by frame; the command is held between."""
+    whole, decay, now, before = _held(loop)
+    step = 1.0 / loop.rate
+    share = math.exp(-step / AIR_TIME)
+    white, gyro = rng.standard_normal(sweep.size), scenario.gyro * rng.standard_normal(sweep.size)
+    command, returned, measured = (np.zeros(sweep.size) for _ in range(3))
+    late = np.zeros(sweep.size + whole + 2)  # commands, the first frames of which are rest
+    p = angle = air = 0.0
+    for n in range(sweep.size):
+        measured[n] = p + gyro[n]
+        angle += step * measured[n]
+        returned[n] = loop.proportional * measured[n] + loop.integral * angle
+        command[n] = sweep[n] - returned[n]
+        late[n + whole + 1] = command[n]
+        air = share * air + math.sqrt(1.0 - share**2) * scenario.rough_air * white[n]
+        p = decay * p + now * late[n + 1] + before * late[n] + step * air
+        if not abs(p) < LARGEST:
+            raise DeclarationError("the loop is unstable", where="key loop", remedy="lower the gains of the law, or the delay")
+    return command, returned, measured
+
+
+def _held(loop: RollLoop) -> tuple[int, float, float, float]:
+    """Whole frames of the delay, the decay of p over a frame, and what the commands at its end and
+    one frame before give."""
+    step, a = 1.0 / loop.rate, loop.inv_T_roll
+    whole = int(loop.delay / step + 1e-9)
+    rest = max(loop.delay - whole * step, 0.0)
+    reach = loop.gain / a
+    now = reach * (1.0 - math.exp(-a * (step - rest)))
+    before = reach * math.exp(-a * (step - rest)) * (1.0 - math.exp(-a * rest))
+    return whole, math.exp(-a * step), now, before
+
+
+def true_loop(scenario: SweepScenario, omega: np.ndarray) -> np.ndarray:
+    """The broken-loop response from command to returned signal, sampled, at ``omega`` rad/s."""
+    if scenario.loop is None:
+        x29 = load_x29(scenario.airframe)
+        return np.asarray(open_loop(x29)(np.exp(1j * omega * x29.frame))).ravel()
+    loop = scenario.loop
+    whole, decay, now, before = _held(loop)
+    later = np.exp(-1j * omega / loop.rate)
+    plant = later ** (whole + 1) * (now + before * later) / (1.0 - decay * later)
+    return np.asarray(plant * (loop.proportional + loop.integral / loop.rate / (1.0 - later)))
+
+
+def true_margins(scenario: SweepScenario) -> Mapping[str, float]:
+    """Margins of the true loop by python-control: dB, deg, s, and the least distance from -1."""
+    import control
+
+    omega = np.geomspace(0.05, 0.999 * math.pi * frame_rate(scenario), FINE)
+    response = true_loop(scenario, omega)
+    data = control.frd(response, omega, smooth=True)
+    gains, phases, _, _, crossovers, _ = control.stability_margins(data, returnall=True)
+    decibel = 20.0 * np.log10(np.asarray(gains))
+    out = {"distance": float(np.min(np.abs(1.0 + response)))}
+    if np.any(decibel > 0.0):
+        out["gain_increase"] = float(np.min(decibel[decibel > 0.0]))
+    if np.any(decibel <= 0.0):
+        out["gain_decrease"] = float(np.max(decibel[decibel <= 0.0]))
+    if len(phases):
+        phase, at = np.asarray(phases), np.asarray(crossovers)
+        out["phase_margin"] = float(phase[np.argmin(np.abs(phase))])
+        out["delay_margin"] = float(np.min(np.radians(phase) % (2.0 * math.pi) / at))
+    return out
+
+
+def true_parameters(scenario: SweepScenario) -> Mapping[str, float]:
+    """Parameters of the fitted form ``roll``; none of another form or aircraft."""
+    loop = scenario.loop
+    if loop is None or scenario.form != "roll":
+        return {}
+    return {"gain": loop.gain, "inv_T_roll": loop.inv_T_roll, "delay": loop.delay}

@@ -1,0 +1,267 @@
+"""A stream identified in the frequency domain: an estimate for every second, for models whose states
+are measured, and beside the bank of the low-order equivalent system."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ident.estimate import Estimate, Outcome
+from ident.flying_qualities.modal import modal_estimate
+from ident.frequency_domain.online import (
+    OnlineEquations,
+    OnlineEstimate,
+    Sums,
+    advance,
+    begin,
+    estimate,
+    online_equations,
+)
+from ident.frequency_domain.online_lag import LagStream, estimated, lag_stream, taken
+from scenarios.files.own_models import channel_units, moves_about_rest
+from scenarios.files.vehicles import VehicleFile
+from scenarios.identification.low_order import derived_of
+from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.studies.comparison import estimate_content
+from scenarios.studies.rows import Row
+from scenarios.watching.rows import LOES, StreamSignals
+from sim.declaration.compile import compile_model
+from sim.declaration.model import Model
+from sim.declaration.system import System
+from sim.errors import DeclarationError, RecordError
+from sim.record import Channel, Record
+from sim.vehicles.factory import model_from_constants
+
+METHOD = "frequency-domain"
+UNKNOWN = "not determined"
+BEFORE = 1e-9  # s, by which a row may lie before a second and still begin it
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """The estimate after a second of the stream: ``time`` s, values and standard deviations ``(q,)``,
+    infinite where nothing is determined."""
+
+    time: float
+    values: np.ndarray
+    std: np.ndarray
+
+
+@dataclass
+class SpectralSession:
+    """A stream on its way through the regression; ``take`` changes it.
+
+    ``signals`` : inputs and outputs, the rows of a block behind the time. ``system`` : of the outputs
+    that the stream has. Either ``equations`` with ``sums``, or ``lag`` of the low-order equivalent.
+    ``waiting`` : rows of a second that is not over. ``points`` : estimates, one a second.
+    """
+
+    vehicle: VehicleFile
+    name: str
+    signals: StreamSignals
+    system: System
+    declared: Model
+    equations: OnlineEquations | None = None
+    sums: Sums | None = None
+    lag: LagStream | None = None
+    last: OnlineEstimate | None = None
+    waiting: list[np.ndarray] = field(default_factory=list)
+    blocks: list[np.ndarray] = field(default_factory=list)
+    points: list[Point] = field(default_factory=list)
+    begun: float | None = None
+
+    @property
+    def regressed(self) -> OnlineEquations:
+        """The equations; of the low-order equivalent those with its lag and delay held."""
+        found = self.equations if self.lag is None else self.lag.equations
+        assert found is not None
+        return found
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the estimated parameters."""
+        return self.regressed.names if self.lag is None else self.lag.names
+
+    @property
+    def rows(self) -> int:
+        """Rows so far."""
+        return sum(block.shape[1] for block in (*self.blocks, *self.waiting))
+
+
+def signals_of(vehicle: VehicleFile) -> StreamSignals:
+    """Inputs and outputs that a stream may have for the model of a vehicle file."""
+    model = model_of_file(vehicle)
+    inputs, outputs = ([signal.name for signal in each] for each in (model.equations.inputs, model.equations.outputs))
+    return StreamSignals(tuple(inputs), tuple(outputs), channel_units(model))
+
+
+def spectral_session(vehicle: VehicleFile, name: str, outputs: Sequence[str], omega: np.ndarray) -> SpectralSession:
+    """A session for the outputs that a stream has, frequencies ``omega`` rad/s.
+
+    Raises
+    ------
+    ModelError : equations that cannot be regressed on line. DeclarationError : tied parameters.
+    """
+    if vehicle.model == "loes":
+        declared = model_from_constants("loes", vehicle.constants, vehicle.derivatives)
+        system = compile_model(declared)
+        return SpectralSession(vehicle, name, LOES, system, declared, lag=lag_stream(system, omega, outputs))
+    declared = model_of_file(vehicle)
+    if declared.ties:
+        what, remedy = "a regression on line knows no ties", "leave [tied] out, or use identify"
+        raise DeclarationError(what, where=vehicle.name, remedy=remedy)
+    system = compile_model(declared)
+    equations = online_equations(system, omega, outputs)
+    return SpectralSession(vehicle, name, signals_of(vehicle), system, declared, equations, begin(equations))
+
+
+def take(session: SpectralSession, rows: np.ndarray) -> list[Point]:
+    """Take rows, time and signals ``(1 + r + m, N)``; the estimates of the seconds that are over.
+
+    A second is regressed once it is over, so that results do not depend on how rows came.
+    """
+    if rows.shape[1] == 0:
+        return []
+    if session.begun is None:
+        session.begun = float(rows[0, 0])
+    cuts = np.flatnonzero(np.diff(np.floor(rows[0] - session.begun + BEFORE))) + 1
+    out = []
+    for part in np.split(rows, cuts, axis=1):
+        if session.waiting:
+            before = session.waiting[-1][0, -1] - session.begun + BEFORE
+            if np.floor(part[0, 0] - session.begun + BEFORE) > np.floor(before):
+                out += regress(session)
+        session.waiting.append(part)
+    return out
+
+
+def regress(session: SpectralSession) -> list[Point]:
+    """Regress the rows that wait; the estimate after them, none where nothing is determined yet."""
+    if not session.waiting:
+        return []
+    block = np.concatenate(session.waiting, axis=1)
+    session.waiting = []
+    session.blocks.append(block)
+    assert session.begun is not None
+    time = block[0] - session.begun
+    r = len(session.signals.inputs)
+    inputs, outputs = block[1 : 1 + r], block[1 + r :]
+    values = None if session.last is None else session.last.values
+    if session.lag is not None:
+        session.lag = taken(session.lag, time, inputs[0], outputs, values)
+        found, session.lag = estimated(session.lag)
+    else:
+        assert session.equations is not None and session.sums is not None
+        session.sums = advance(session.equations, session.sums, time, inputs, outputs, values)
+        found = estimate(session.equations, session.sums)
+    if found is None or not np.all(np.isfinite(found.values)):
+        return []
+    session.last = found
+    session.points.append(Point(float(block[0, -1]), found.values, found.std))
+    return session.points[-1:]
+
+
+def record_of(session: SpectralSession) -> Record:
+    """The rows so far as a record. Raises RecordError where there are fewer than two."""
+    blocks = [*session.blocks, *session.waiting]
+    table = np.concatenate(blocks, axis=1) if blocks else np.zeros((len(session.signals.names), 0))
+    if table.shape[1] < 2:
+        what = f"{table.shape[1]} row(s) that can be used"
+        raise RecordError(what, where=session.name, remedy="a stream needs at least two")
+    r, units = len(session.signals.inputs), session.signals.known
+    inputs = tuple(Channel.of(name, units[name], row) for name, row in zip(session.signals.inputs, table[1 : 1 + r], strict=True))
+    outputs = [(name, row) for name, row in zip(session.signals.outputs, table[1 + r :], strict=True) if np.isfinite(row).any()]
+    return Record(table[0], inputs, tuple(Channel.of(name, units[name], row) for name, row in outputs), name=session.name)
+
+
+def last_estimate(session: SpectralSession) -> Estimate | None:
+    """The last estimate of what is determined; None where nothing is."""
+    found, names = session.last, session.names
+    if found is None:
+        return None
+    known = [k for k in range(len(names)) if np.isfinite(found.std[k]) and found.std[k] > 0.0]
+    if not known:
+        return None
+    units = tuple(session.system.parameters[names[k]].unit for k in known)
+    noise = np.sqrt(np.mean(found.levels, axis=1))
+    return Estimate(
+        METHOD,
+        tuple(names[k] for k in known),
+        units,
+        found.values[known],
+        found.covariance[np.ix_(known, known)],
+        Outcome.CONVERGED,
+        -found.cost,
+        session.regressed.labels,
+        noise,
+        (),
+    )
+
+
+def undetermined(session: SpectralSession) -> list[str]:
+    """Parameters of which the stream says nothing."""
+    found = last_estimate(session)
+    return [name for name in session.names if found is None or name not in found.names]
+
+
+def derived_quantities(session: SpectralSession, found: Estimate) -> dict[str, tuple[float, float]]:
+    """Natural frequency, damping and so on with standard deviations, where the model has them."""
+    if undetermined(session):
+        return {}
+    if session.lag is not None:
+        both = found.value("delay"), found.sigma("delay")
+        return {**derived_of(found, session.vehicle, both), "delay": both}
+    return modal_estimate(session.system, found) if moves_about_rest(session.declared) else {}
+
+
+def history_csv(session: SpectralSession) -> str:
+    """A line for each second: ``time``, and ``NAME``, ``NAME_std`` of each parameter, empty where it
+    is not determined."""
+    lines = [",".join(["time", *(cell for name in session.names for cell in (name, f"{name}_std"))])]
+    for point in session.points:
+        cells = [f"{point.time:.10g}"]
+        for value, std in zip(point.values.tolist(), point.std.tolist(), strict=True):
+            cells += [f"{value:.10g}", f"{std:.10g}"] if np.isfinite(std) else ["", ""]
+        lines.append(",".join(cells))
+    return "\n".join(lines) + "\n"
+
+
+def estimate_of(point: Point, session: SpectralSession) -> list[dict[str, Any]]:
+    """Parameters of a point, best known first: name, value, std, unit; those that are determined."""
+    rows = []
+    for name, value, std in zip(session.names, point.values.tolist(), point.std.tolist(), strict=True):
+        if np.isfinite(std) and std > 0.0:
+            unit = session.system.parameters[name].unit
+            rows.append({"name": name, "value": value, "std": std, "unit": unit})
+    return sorted(rows, key=lambda row: row["std"] / max(abs(row["value"]), 1e-300))
+
+
+def spectral_content(session: SpectralSession) -> dict[str, Any]:
+    """The last estimate for ``comparison.json``."""
+    found = last_estimate(session)
+    if found is None:
+        nothing, unknown = Outcome.NOT_IDENTIFIABLE, undetermined(session)
+        return {
+            "method": METHOD,
+            "parameters": {},
+            "fixed": {},
+            "derived": {},
+            "outcome": nothing.code,
+            "outcome_sentence": nothing.value,
+            "undetermined": unknown,
+            "warnings": [f"{UNKNOWN} by this stream: {', '.join(unknown)}"],
+        }
+    each = zip(found.names, found.units, found.values.tolist(), found.std.tolist(), strict=True)
+    rows = tuple(Row(*one) for one in each)
+    held = [item for item in session.system.parameters if not item.free and not item.name.startswith("bias_")]
+    fixed = {item.name: (item.value, item.unit) for item in held if item.name not in found.names}
+    content = estimate_content(found, rows, derived_quantities(session, found), fixed, ())
+    unknown = undetermined(session)
+    warnings = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
+    ends = session.regressed.omega[[0, -1]] / (2.0 * np.pi)
+    band = {"band_Hz": ends.tolist()}
+    more = {"undetermined": unknown, "warnings": warnings} if unknown else {}
+    return {**content, "method": METHOD, **band, **more}
