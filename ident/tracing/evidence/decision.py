@@ -249,9 +249,9 @@ def _by_sets(search: Search, best: Weighed) -> Decision:
     enough = search.visited.get(certain)
     if enough is not None and (is_noise(enough.fitted) or not is_noise(best.fitted)):
         best = enough
-    best = _less_guards(search, best)
+    whole, best = best, _less_guards(search, _less_slight(search, best))
     named = [
-        Named(effect.name, inclusion[effect.name], _alike(search, best, effect, sets))
+        Named(effect.name, inclusion[effect.name], _alike(search, whole, effect, sets))
         for effect in best.fitted.effects
         if _is_cause(effect, best, search.context.interval)
     ]
@@ -264,6 +264,26 @@ def _by_sets(search: Search, best: Weighed) -> Decision:
         verdict = Verdict.TRACED if alone else Verdict.AMBIGUOUS
     told, hints = (tuple(named), ()) if verdict is not Verdict.UNEXPLAINED else ((), tuple(named))
     return Decision(verdict, best.fitted, search.root.fitted, told, hints, (search,))
+
+
+def _less_slight(search: Search, best: Weighed) -> Weighed:
+    """The set without members that bring little and not all along, where the residual is no noise.
+
+    White noise then counts more samples than there are, and little evidence is none.
+    """
+    while not is_noise(best.fitted) and len(search.added(best)) > 1:
+        slight = []
+        for name in sorted(search.added(best)):
+            less = search.visited.get(best.names - {name}) or search.without(best, name)
+            if less is None or best.weight - less.weight >= CLEAR:
+                continue
+            z = vuong(best, less, search.context.interval)
+            if z < SUPPORTED:
+                slight.append((z, name, less))
+        if not slight:
+            break
+        best = min(slight, key=lambda each: each[0])[2]
+    return best
 
 
 def _less_guards(search: Search, best: Weighed) -> Weighed:
