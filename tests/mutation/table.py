@@ -368,6 +368,13 @@ IDENT = (
         ("- p[DELAY]", "+ p[DELAY]"),
     ),
     *changes(
+        "ident/flying_qualities/fitted_forms.py",
+        ("tests/unit/ident/flying_qualities/test_fitted_forms.py",),
+        ('p["frequency"] ** 2 * over / p["inv_T_theta2"]', 'p["frequency"] ** 2 * over * p["inv_T_theta2"]'),
+        ('p["inv_T_theta2"] / over', 'p["inv_T_theta2"] * over'),
+        ("(2.0 * step))", "step)"),
+    ),
+    *changes(
         "ident/flying_qualities/stability_margins.py",
         ("tests/unit/ident/flying_qualities/test_stability_margins.py",),
         ("np.angle(-target.response)", "np.angle(target.response)"),
