@@ -21,10 +21,9 @@ from ident.banks.bank import bank_runs, run_bank
 from ident.banks.delays import DELAYS
 from ident.filters.ekf import FilterSettings, run_ekf
 from scenarios.identification.low_order_filter import PAPER_START, loes_filter_system
-from sim.closed_loop.nonlinear import fly_closed_loop
-from sim.closed_loop.reader import load_x29
-from sim.closed_loop.sticks import three_two_one_one
-from sim.declaration.system import System
+from sim.closed_loop.airframe import load_x29
+from sim.closed_loop.nonlinear import fly_closed_loop, three_two_one_one
+from sim.declaration.model import System
 from sim.record import Record
 from sim.vehicles.factory import model_from_constants
 

@@ -33,10 +33,9 @@ from scenarios.watching.lines import growing_file, lines_of
 from scenarios.watching.session import take
 from scenarios.watching.show import Show
 from scenarios.watching.stream import TOGETHER, pieces, rows_in, session_of
-from sim.closed_loop.nonlinear import fly_closed_loop
-from sim.closed_loop.reader import load_x29
-from sim.closed_loop.sticks import three_two_one_one
-from sim.declaration.system import System
+from sim.closed_loop.airframe import load_x29
+from sim.closed_loop.nonlinear import fly_closed_loop, three_two_one_one
+from sim.declaration.model import System
 from sim.record import Channel, Record
 from sim.vehicles.factory import model_from_constants
 

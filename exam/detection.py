@@ -25,7 +25,7 @@ from scenarios.preparation.request import Request
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, Noise
 from sim.effects.library import find_effect
-from sim.maneuvers.steps import Maneuver, Sum, doublet, three_two_one_one
+from sim.maneuvers import Maneuver, Sum, doublet, three_two_one_one
 from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import RIGID_CONSTANTS

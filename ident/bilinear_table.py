@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from sim.declaration.arguments import WatchedTime
-from sim.declaration.system import System
+from sim.declaration.model import System
+from sim.declaration.user_equations import WatchedTime
 from sim.errors import ModelError
-from sim.maths.elementary import COMPLEX_STEP
-from sim.propagation.grid import Drive
+from sim.maths import COMPLEX_STEP
+from sim.propagation import Drive
 
 Function = Callable[[list[Any]], Sequence[Any]]
 _TRIALS, _AGREEMENT = 12, 1e-10

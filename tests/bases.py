@@ -11,12 +11,10 @@ import numpy as np
 from scipy.optimize import fsolve
 
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import Parameter, ParameterSet
-from sim.declaration.system import System
-from sim.maths.constants import G0
-from sim.propagation.grid import drive_from_record, make_grid
-from sim.propagation.integrate import Step, rk4_step, simulate
+from sim.declaration.effect import Parameter, ParameterSet
+from sim.declaration.model import Model, Noise, System
+from sim.maths import G0
+from sim.propagation import Step, drive_from_record, make_grid, rk4_step, simulate
 from sim.record import Hold
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.factory import model_from_constants

@@ -16,7 +16,7 @@ import numpy as np
 
 from ident.banks.bank import run_bank
 from ident.filters.ekf import FilterSettings
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.record import Record
 

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.declaration.effect import Signal
+from sim.declaration.effect import Parameter, ParameterSet, Signal
 from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import Parameter, ParameterSet
 from sim.record import Channel, Hold, Record
 from tests.oracles.kalman import Linear
 

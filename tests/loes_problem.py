@@ -8,7 +8,7 @@ import numpy as np
 
 from scenarios.identification.low_order_filter import loes_filter_system
 from sim.declaration.compile import compile_model
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.record import Channel, Record
 from sim.vehicles.factory import model_from_constants
 from tests.bases import LOES_CONSTANTS, LOES_VALUES, Flight, fly, loes_model, three_two_one_one

@@ -7,7 +7,7 @@ from typing import Any
 
 from sim.declaration import own_model
 from sim.declaration.model import Model
-from sim.maths.constants import G0
+from sim.maths import G0
 from tests.bases import RIGID_VALUES
 
 ROLL = '''"""Roll of an aircraft: p_dot = L_p p + L_da aileron, phi_dot = p."""
@@ -72,7 +72,7 @@ MODEL = own_model(
 SHORT_PERIOD = '''"""The rigid short period as a user would write it, with the ports of the built-in one."""
 
 from sim.declaration import own_model
-from sim.maths.constants import G0
+from sim.maths import G0
 
 
 def flow(s, p):

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
-from sim.declaration.traits import Traits
+from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.proposal import Probe, SearchContext, Traits
 from sim.effects.sensor_path.vane_offset import VaneOffset
 
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from sim.declaration.compile import compile_model
+from sim.declaration.effect import Parameter, ParameterSet
 from sim.declaration.model import Model
-from sim.declaration.parameters import Parameter, ParameterSet
 from sim.record import Channel, Record
 from tests.bases import RIGID_VALUES, Flight, ballistic_flight, ballistic_model, fly, rigid_flight, rigid_model
 

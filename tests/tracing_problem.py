@@ -14,7 +14,7 @@ from ident.tracing.spikes.masks import measured_masks
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Channel, Record
-from sim.truth.noise import coloured_noise
+from sim.truth.measurement import coloured_noise
 from tests.bases import Flight, rigid_flight, rigid_model
 from tests.rigid_problem import noisy
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
-from sim.propagation.integrate import rk4_step
+from sim.propagation import rk4_step
 from sim.record import Channel, Record
 from tests.bases import rigid_model, three_two_one_one
 

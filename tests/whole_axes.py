@@ -10,8 +10,8 @@ from scipy.optimize import fsolve
 
 from scenarios.files.vehicles import VehicleFile
 from sim.declaration.model import Model, Noise
-from sim.maneuvers.steps import Maneuver, Sum, doublet, pulse, step, three_two_one_one
-from sim.maths.constants import G0
+from sim.maneuvers import Maneuver, Sum, doublet, pulse, step, three_two_one_one
+from sim.maths import G0
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import model_from_constants

@@ -8,9 +8,9 @@ import numpy as np
 
 from benchmarks.comparison.agreement import same_motion
 from benchmarks.comparison.job import Contender, Job, Problem
+from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import closed_loop
-from sim.closed_loop.reader import load_x29
-from sim.closed_loop.sticks import three_two_one_one
+from sim.closed_loop.nonlinear import three_two_one_one
 
 NEAR = 1e-6  # of the largest value; the curve of the stick's gearing alone accounts for 5e-8
 

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.peers.flightid_model import true_model
 from benchmarks.peers.names import OUTPUTS
 from benchmarks.peers.short_period import Problem
-from sim.maneuvers.steps import MultiStep
+from sim.maneuvers import MultiStep
 from sim.truth.flight import fly
 
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.peers.short_period import Problem
+from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.nonlinear import fly_closed_loop
-from sim.closed_loop.reader import load_x29
 
 
 def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:

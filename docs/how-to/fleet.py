@@ -20,7 +20,7 @@ from scenarios.preparation.vehicle_model import model_of_file
 from sim.declaration.effect import full_name
 from sim.declaration.model import Noise
 from sim.effects.library import effects_for
-from sim.maneuvers.steps import Sum, doublet, three_two_one_one
+from sim.maneuvers import Sum, doublet, three_two_one_one
 from sim.truth.flight import fly, sample_times
 
 AIRCRAFT = """\

@@ -6,10 +6,8 @@ flightid diagnose RECORD --model ballistic --vehicle V.toml --effects docs/recor
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sim.declaration.effect import Regularity, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe
-from sim.declaration.traits import Traits
+from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.proposal import Probe, Traits
 
 
 @dataclass(frozen=True)

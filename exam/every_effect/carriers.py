@@ -19,7 +19,7 @@ from scenarios.trials.planted.hiding import true_vehicle
 from scenarios.trials.planted.schema import trace_scenario_of
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Equations, Model, Noise
-from sim.maneuvers.steps import Maneuver
+from sim.maneuvers import Maneuver
 from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
 

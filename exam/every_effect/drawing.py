@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from exam.every_effect.carriers import Plan
-from sim.declaration.parameters import Parameter
+from sim.declaration.effect import Parameter
 from sim.declaration.proposal import Curve, Traceable
 
 FAR = 1e6  # an absent value beyond it is a limit that is never reached: such a parameter goes as one over the amount

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
 
 
 @dataclass(frozen=True)

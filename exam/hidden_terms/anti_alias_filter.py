@@ -10,9 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Regularity, Station
-from sim.declaration.parameters import Parameter
-from sim.maths.elementary import linear_recurrence
+from sim.declaration.effect import Parameter, Regularity, Station
+from sim.maths import linear_recurrence
 
 
 @dataclass(frozen=True)

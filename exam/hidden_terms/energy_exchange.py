@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
-from sim.maths.constants import G0
-from sim.maths.elementary import cos, sqrt
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.maths import G0, cos, sqrt
 
 
 @dataclass(frozen=True)

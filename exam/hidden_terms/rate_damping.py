@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
-from sim.maths.elementary import absolute
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.maths import absolute
 
 
 @dataclass(frozen=True)

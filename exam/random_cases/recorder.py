@@ -13,7 +13,7 @@ from exam.random_cases.sizes import pulse, several, uniform
 from exam.random_cases.vehicles import NOISE
 from exam.recorder_faults import clock, columns, readings
 from exam.scoring import same_fault
-from sim.maths.constants import G0
+from sim.maths import G0
 
 CHANNELS = ("alpha", "q", "nz", "altitude")
 CONTROLS = {"elevator": ("rigid",), "stick": ("loes",)}

@@ -11,9 +11,8 @@ from exam.aircraft import NOISE as OF_AIRCRAFT
 from exam.aircraft import USUAL, drawn_aircraft
 from exam.random_cases.case import Setting
 from sim.declaration.model import Model
-from sim.maneuvers.multisine import schroeder_multisine
-from sim.maneuvers.steps import Maneuver, MultiStep, Sum, alternating, doublet, three_two_one_one
-from sim.maths.constants import G0
+from sim.maneuvers import Maneuver, MultiStep, Sum, alternating, doublet, schroeder_multisine, three_two_one_one
+from sim.maths import G0
 from sim.vehicles.factory import BALLISTIC_CONSTANTS, RIGID_CONSTANTS, model_from_constants
 
 NOISE = {**OF_AIRCRAFT, "altitude": 6.0}

@@ -16,7 +16,7 @@ from ident.statistics.normal_equations import local_model, unresolved
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import evaluate
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.record import Record
 

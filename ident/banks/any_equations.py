@@ -10,7 +10,7 @@ import numpy as np
 from ident.banks.runs import BankRuns, BankTrace, March, Stretch
 from ident.filters.ekf import FilterSettings
 from ident.filters.problem import FilterProblem, with_free
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 
 
 def march_of_steps(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> March:

@@ -15,9 +15,9 @@ from ident.banks.one_pass import run_pass
 from ident.banks.runs import BankHistory, BankPass, BankRuns
 from ident.filters.ekf import SETTLED, FilterSettings
 from ident.filters.problem import FilterProblem, filter_problem
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
-from sim.propagation.grid import drive_from_record
+from sim.propagation import drive_from_record
 from sim.record import Record
 
 

@@ -20,8 +20,8 @@ from ident.bilinear_table import Bilinear, held_within_steps, system_tables
 from ident.filters.ekf import FilterSettings
 from ident.filters.problem import FilterProblem
 from ident.filters.transition import Taylor
-from sim.declaration.system import System
-from sim.propagation.integrate import rk4_step
+from sim.declaration.model import System
+from sim.propagation import rk4_step
 
 _SERIES = Taylor(3)  # the fundamental matrix that is made here
 

@@ -18,7 +18,7 @@ from ident.banks.bank import BankEstimate
 from ident.banks.engines import BATCHED, BankEngine
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import FilterSettings
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.record import Record
 

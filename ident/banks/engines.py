@@ -19,7 +19,7 @@ from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_by_filterpy, run_ekf
 from ident.filters.problem import filter_problem
 from ident.filters.smoother import smooth
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.record import Record
 
 

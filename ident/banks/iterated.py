@@ -14,7 +14,7 @@ from ident.banks.bank import BankEstimate, bank_estimate, bank_runs
 from ident.banks.one_pass import run_pass
 from ident.banks.runs import BankTrace, empty_trace
 from ident.filters.ekf import SETTLED, FilterSettings
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.record import Record
 
 ITERATIONS = 15

@@ -19,7 +19,7 @@ from ident.banks.bilinear_equations import Legs, Tables, along, tables_of
 from ident.banks.delays import DELAYS
 from ident.banks.one_pass import sound_so_far, worth
 from ident.filters.problem import prior_std
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
 
 LONGEST_SPIKE = 3  # samples in a row of one channel; what lasts longer is the motion
@@ -194,7 +194,7 @@ class _Way(NamedTuple):
 
 
 def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times at which the filters stop after ``time[0]``, as in ``sim.propagation.grid.make_grid``, and the row whose input holds from each on."""
+    """Times at which the filters stop after ``time[0]``, as in ``sim.propagation.make_grid``, and the row whose input holds from each on."""
     gaps = np.diff(time)
     pieces = np.maximum(1, np.ceil(gaps / (1.5 * bank.interval) - 1e-9)).astype(int)
     if pieces.max() == 1:

@@ -16,7 +16,7 @@ from ident.banks.delays import likelihood_weights, run_delay_bank
 from ident.banks.iterated import run_iterated_bank
 from ident.banks.online import BankState, OnlineBank, Rows, advance, online_bank, with_delays
 from ident.estimate import Estimate, Outcome
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import FlightidError
 from sim.record import Record
 

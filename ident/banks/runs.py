@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ident.filters.problem import FilterProblem
-from sim.propagation.grid import Drive
+from sim.propagation import Drive
 
 
 @dataclass(frozen=True, eq=False)

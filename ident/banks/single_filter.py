@@ -10,8 +10,8 @@ from ident.banks.runs import BankRuns, BankTrace, empty_trace
 from ident.estimate import Estimate, FilterHistory, Outcome
 from ident.filters.ekf import FilterSettings, filter_by_filterpy, filter_by_table
 from ident.filters.problem import FilterProblem, filter_problem, with_free
-from sim.declaration.system import System
-from sim.maths.elementary import COMPLEX_STEP
+from sim.declaration.model import System
+from sim.maths import COMPLEX_STEP
 from sim.record import Record
 
 

@@ -18,8 +18,7 @@ import numpy as np
 
 from ident.compatibility.faults import ARM, BIAS, DELAY, DRIFT, LAG, SCALE
 from ident.compatibility.signals import Signals
-from sim.maths.constants import G0
-from sim.maths.elementary import linear_recurrence
+from sim.maths import G0, linear_recurrence
 
 Values = Callable[[str, str], np.ndarray]  # (channel, kind) -> sizes (P, 1); zero where nothing is fitted
 _SWEEPS = 5  # alpha stands on the right side under small factors: each sweep gains a factor of ten and more

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.maths.constants import G0
+from sim.maths import G0
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.statistics.robust import robust_sigma
-from sim.maths.constants import G0
+from sim.maths import G0
 from sim.record import Hold, Record
 
 EDGE = 0.1  # s at both ends of a record that no residual counts: a late channel has nothing to show there

@@ -22,9 +22,9 @@ from ident.filters.one_record import Equations, filter_one
 from ident.filters.problem import FilterProblem, filter_problem, with_free
 from ident.filters.table_equations import table_equations
 from ident.filters.transition import Taylor, Transition, log_gaussian
-from sim.declaration.system import System
-from sim.maths.elementary import complex_step_jacobian, jacobian_in_one_call
-from sim.propagation.integrate import Step, rk4_step
+from sim.declaration.model import System
+from sim.maths import complex_step_jacobian, jacobian_in_one_call
+from sim.propagation import Step, rk4_step
 from sim.record import Record
 
 SETTLED = 0.01  # of a standard deviation: below it a further pass changes nothing that matters

@@ -17,7 +17,7 @@ from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_by_filterpy
 from ident.filters.problem import filter_problem
 from ident.filters.smoother import SmoothedHistory, smooth
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.record import Record
 
 

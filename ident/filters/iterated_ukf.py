@@ -21,8 +21,8 @@ from ident.filters.problem import FilterProblem, filter_problem, with_free
 from ident.filters.smoother import SmoothedHistory
 from ident.filters.transition import log_gaussian
 from ident.filters.ukf import filter_by_points, roots
-from sim.declaration.system import System
-from sim.maths.elementary import complex_step_jacobian
+from sim.declaration.model import System
+from sim.maths import complex_step_jacobian
 from sim.record import Record
 
 ROUNDING = float(np.sqrt(np.finfo(float).eps))  # half the digits: of a difference of covariances the rest may be rounding

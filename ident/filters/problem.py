@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.declaration.parameters import ParameterSet
-from sim.declaration.system import System
+from sim.declaration.effect import ParameterSet
+from sim.declaration.model import System
 from sim.errors import ModelError
-from sim.propagation.grid import Drive, Grid, drive_from_record, make_grid
+from sim.propagation import Drive, Grid, drive_from_record, make_grid
 from sim.record import Record
 
 QUARTER = 0.25

@@ -15,7 +15,7 @@ from ident.bilinear_table import Bilinear, held_within_steps, system_tables
 from ident.filters.one_record import Equations
 from ident.filters.problem import FilterProblem
 from ident.filters.transition import Taylor, Transition
-from sim.propagation.integrate import Step, euler_step, rk4_step
+from sim.propagation import Step, euler_step, rk4_step
 
 Noise = Callable[[float], np.ndarray]
 _ORDERS = {rk4_step: 4, euler_step: 1}

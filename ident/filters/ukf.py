@@ -21,8 +21,8 @@ from ident.filters.ekf import SETTLED, FilterSettings
 from ident.filters.history import HistoryKeeper, breakdown
 from ident.filters.problem import FilterProblem, filter_problem, with_free
 from ident.filters.transition import log_gaussian
-from sim.declaration.system import System
-from sim.maths.elementary import complex_step_jacobian
+from sim.declaration.model import System
+from sim.maths import complex_step_jacobian
 from sim.record import Record
 
 ALPHA, BETA, KAPPA = 1.0, 2.0, 0.0

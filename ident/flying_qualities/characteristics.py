@@ -15,9 +15,8 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from ident.flying_qualities.modal import propagated
 from ident.flying_qualities.whole_axes import LATERAL_STATES, LONGITUDINAL_STATES, level_flight
-from sim.declaration.system import System
-from sim.maths.constants import G0
-from sim.maths.elementary import complex_step_jacobian
+from sim.declaration.model import System
+from sim.maths import G0, complex_step_jacobian
 
 REAL = 1e-9  # rad/s, below which an imaginary part is rounding
 CONTROLS = ("elevator", "stick")

@@ -20,7 +20,7 @@ import numpy as np
 
 from ident.estimate import Estimate
 from sim.errors import ModelError
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 
 UNITS = {
     "natural_frequency": "rad/s",

@@ -10,8 +10,8 @@ import numpy as np
 from ident.estimate import Estimate
 from ident.flying_qualities.whole_axes import LATERAL_STATES, LONGITUDINAL_STATES, lateral_modes, longitudinal_modes
 from ident.statistics.information import variance_along
-from sim.declaration.system import System
-from sim.maths.elementary import complex_step_jacobian
+from sim.declaration.model import System
+from sim.maths import complex_step_jacobian
 
 MODAL_UNITS: Mapping[str, str] = MappingProxyType(
     {

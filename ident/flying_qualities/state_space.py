@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sim.declaration.effect import Signal
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
-from sim.maths.elementary import complex_step_jacobian
+from sim.maths import complex_step_jacobian
 
 if TYPE_CHECKING:
     import control

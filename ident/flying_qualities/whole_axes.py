@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim.declaration.system import System
-from sim.maths.elementary import complex_step_jacobian
+from sim.declaration.model import System
+from sim.maths import complex_step_jacobian
 
 LATERAL_STATES = ("beta", "p", "r", "phi")
 LONGITUDINAL_STATES = ("airspeed", "alpha", "theta", "q")

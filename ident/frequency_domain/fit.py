@@ -18,7 +18,7 @@ from ident.frequency_domain.noise_spectrum import levels
 from ident.frequency_domain.response import Delay, response
 from ident.frequency_domain.transform import TransformedRecord
 from ident.statistics.normal_equations import LocalModel, add_normal_equations, local_model, unresolved
-from sim.declaration.system import System
+from sim.declaration.model import System
 
 _STEEPEST = 1e8  # damping from which no descent is left
 _WINDOW, _NOTHING = 8, 1e-3  # steps that gained less log likelihood than this together (0.04 sigmas) will gain no more

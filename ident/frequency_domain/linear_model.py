@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.declaration.system import System
-from sim.maths.elementary import COMPLEX_STEP
+from sim.declaration.model import System
+from sim.maths import COMPLEX_STEP
 from sim.record import Record
 
 STRAIGHT = 1e-7  # of a rate's or reading's own change, by which rounding may bend it

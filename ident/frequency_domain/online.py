@@ -27,9 +27,9 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import LARGEST
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
-from sim.maths.elementary import COMPLEX_STEP, complex_step_jacobian
+from sim.maths import COMPLEX_STEP, complex_step_jacobian
 
 LOW, HIGH, SPACING = 0.1, 2.0, 0.04  # Hz, as Morelli's: no slower drift, no structural modes
 LINEAR = 1e-7  # share of a rate by which an equation may bend with its parameters, rounding

@@ -24,7 +24,7 @@ from ident.frequency_domain.online import (
     estimate,
     online_equations,
 )
-from sim.declaration.system import System
+from sim.declaration.model import System
 
 LAG, DELAY, STATE = "inv_tau", "delay", "delta"
 SHORTEST, LONGEST, LATEST = 0.005, 2.0, 0.5  # s, of the lag's time constant, and of the delay

@@ -18,7 +18,7 @@ from ident.frequency_domain.noise_spectrum import about_each, coloured, equal_ba
 from ident.frequency_domain.transform import transformed, usual_band
 from ident.regression.equation_error import run_equation_error
 from ident.statistics.information import determined_and_open, inverse_information
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import FlightidError, ModelError
 from sim.record import Record
 

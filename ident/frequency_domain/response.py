@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.frequency_domain.linear_model import LinearModel
 from ident.frequency_domain.transform import TransformedRecord
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 from sim.record import Hold
 
 NEIGHBOURS = (-1, 0, 1)  # samples, beside the last one before a delayed interval begins, that move the state

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import RecordError
 from sim.record import Hold, Record
 

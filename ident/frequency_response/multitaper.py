@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.frequency_response.segments import sine_segments
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError, RecordError
-from sim.maths.elementary import complex_step_jacobian
+from sim.maths import complex_step_jacobian
 from sim.record import Hold, Record
 
 LOW, HIGH = 0.35, 14.0  # rad/s, where short period, lag and delay show

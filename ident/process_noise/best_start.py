@@ -19,7 +19,7 @@ from ident.whole_record import best_start as without_process_noise
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, lay_out
 from ident.whole_record.numerical_error import QUIET
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import FlightidError
 
 AT_ITS_LIMIT = 2.0  # times the lowest (or one over that times the highest) value of a noise level: it has run there, or would with one step more

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ident.whole_record.record_problem import RecordProblem
-from sim.declaration.system import System
-from sim.maths.elementary import COMPLEX_STEP
+from sim.declaration.model import System
+from sim.maths import COMPLEX_STEP
 
 _TERMS = 14  # of a Taylor series, to rounding
 _FEW_TERMS = 4  # for slopes that differ from step to step: good to a ten-thousandth or better

@@ -23,7 +23,7 @@ from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import failed_estimate, fit_covariance
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.record import Record
 

@@ -20,7 +20,7 @@ from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.linearise import Linearisation
 from ident.whole_record.noise_model import LaidOut, WeightedResiduals
 from ident.whole_record.record_problem import INCREMENT, RecordProblem
-from sim.declaration.system import System
+from sim.declaration.model import System
 
 SCALE = "process_noise_scale"
 _FACTOR = 4.0  # by which one step changes a noise level at most

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.recording.finding import Kind
 from ident.recording.motion import Columns, disagreement
-from sim.maths.constants import G0
+from sim.maths import G0
 
 DEGREES = math.degrees(1.0)
 PACES = {1e-3: "ms", 1e-6: "us"}

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.recording.finding import Expectations
-from sim.maths.constants import G0
+from sim.maths import G0
 from sim.record import Record
 
 JOINED = ("alpha", "q", "nz", "theta")

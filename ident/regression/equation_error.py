@@ -26,11 +26,10 @@ from ident.statistics.coloured_covariance import corrected_covariance, sandwich
 from ident.statistics.information import UNDETERMINED, conditional_scale, determined_and_open, inverse_information
 from ident.statistics.normal_equations import add_normal_equations, unresolved
 from ident.statistics.residual_spectrum import RecordScores
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
-from sim.maths.elementary import COMPLEX_STEP
-from sim.propagation.grid import drive_from_record, make_grid
-from sim.propagation.integrate import propagate
+from sim.maths import COMPLEX_STEP
+from sim.propagation import drive_from_record, make_grid, propagate
 from sim.record import Channel, Record
 
 SIMULATED_STEP = 0.02  # s, of the simulation that gives instruments

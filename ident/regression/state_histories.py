@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from ident.regression.local_polynomial import Windows, half_width_by_cross_validation, smoothed, windows
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
-from sim.maths.elementary import complex_step_jacobian
+from sim.maths import complex_step_jacobian
 from sim.record import Record
 
 Function = Callable[[Any, Any, Any, Any], Sequence[Any]]

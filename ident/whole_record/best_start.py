@@ -18,7 +18,7 @@ from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from ident.whole_record.unstable_motion import GROWN, fastest, fit_unstable, growth
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import FlightidError
 from sim.record import Record
 

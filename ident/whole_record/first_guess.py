@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.regression.local_polynomial import windows
 from ident.regression.state_histories import rate_relations
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.record import Record
 
 SPAN = 60  # a slope is taken over two sixtieths of the record

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sim.propagation.grid import Drive
+from sim.propagation import Drive
 
 if TYPE_CHECKING:
     from ident.whole_record.record_problem import RecordProblem

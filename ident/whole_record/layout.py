@@ -11,8 +11,8 @@ import numpy as np
 from ident.whole_record.first_guess import known_states
 from ident.whole_record.record_problem import RecordProblem, record_problem
 from ident.whole_record.trajectory_guess import guess_states
-from sim.declaration.parameters import Parameter
-from sim.declaration.system import System
+from sim.declaration.effect import Parameter
+from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.record import Record
 

@@ -15,10 +15,9 @@ import numpy as np
 
 from ident.bilinear_table import held_within_steps, system_tables
 from ident.whole_record.record_problem import RecordProblem
-from sim.declaration.system import System
-from sim.maths.elementary import COMPLEX_STEP
-from sim.propagation.grid import Drive, Grid
-from sim.propagation.integrate import euler_step, rk4_step
+from sim.declaration.model import System
+from sim.maths import COMPLEX_STEP
+from sim.propagation import Drive, Grid, euler_step, rk4_step
 
 _ORDERS = {rk4_step: 4, euler_step: 1}
 _EVEN = 1e-9  # of a step: what time stamps may differ by for all steps to be one

@@ -18,8 +18,8 @@ import numpy as np
 from ident.whole_record.intervals import changed_rows, interval_ends, sample_outputs
 from ident.whole_record.linear_record import linear_record
 from ident.whole_record.record_problem import INCREMENT, RecordProblem, driven_by
-from sim.maths.elementary import COMPLEX_STEP
-from sim.propagation.grid import Drive
+from sim.maths import COMPLEX_STEP
+from sim.propagation import Drive
 
 
 @dataclass(frozen=True, eq=False)

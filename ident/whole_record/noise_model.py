@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.whole_record.linearise import Linearisation
 from ident.whole_record.record_problem import RecordProblem
-from sim.declaration.system import System
+from sim.declaration.model import System
 
 
 class LaidOut(Protocol):

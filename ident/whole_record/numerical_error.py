@@ -22,7 +22,7 @@ from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, evaluate, joined_up, without_sensitivities
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.record_problem import record_problem
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.record import Channel, Record
 
 QUIET = 1e-3  # of an output's motion: with more noise than that, integration errors are far below a sigma

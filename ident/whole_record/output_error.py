@@ -20,7 +20,7 @@ from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from ident.whole_record.numerical_error import with_integration_error
 from ident.whole_record.unstable_motion import projected_covariance
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.record import Record
 

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.declaration.system import System
-from sim.propagation.grid import Drive, Grid, drive_from_record, make_grid, recorded_drive
-from sim.propagation.integrate import Step, rk4_step
+from sim.declaration.model import System
+from sim.propagation import Drive, Grid, Step, drive_from_record, make_grid, recorded_drive, rk4_step
 from sim.record import Record
 
 INCREMENT = 1e-6  # of a parameter's or state's size, for forward differences

@@ -6,7 +6,7 @@ import numpy as np
 
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.linearise import linearise
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.record import Record
 

@@ -12,8 +12,8 @@ from ident.whole_record.first_guess import known_states
 from ident.whole_record.intervals import interval_ends
 from ident.whole_record.linearise import join_intervals
 from ident.whole_record.record_problem import RecordProblem, driven_by
-from sim.maths.elementary import COMPLEX_STEP
-from sim.propagation.grid import Drive
+from sim.maths import COMPLEX_STEP
+from sim.propagation import Drive
 
 _CLOSED = 1e-9  # of a state's size: gaps that are left where the states simulated are linear in themselves
 

@@ -22,8 +22,8 @@ from ident.statistics.normal_equations import LocalModel, local_model, unresolve
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, arrived, carried, evaluate, joined_up
 from ident.whole_record.layout import FitLayout
-from sim.declaration.system import System
-from sim.maths.elementary import complex_step_jacobian
+from sim.declaration.model import System
+from sim.maths import complex_step_jacobian
 
 GROWN = 3.0  # e-foldings along a record from which a motion is met in parts: below, a fit of the whole has no trouble
 _FIRST = 3.0  # e-foldings of the first part; each further part is twice as long

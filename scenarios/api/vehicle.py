@@ -15,9 +15,8 @@ from scenarios.api.shown import html
 from scenarios.files.declarations import read_toml_source, toml_of
 from scenarios.files.sources import InputFile, Source
 from sim.errors import DeclarationError
-from sim.vehicles.data import VehicleData
 from sim.vehicles.factory import FAMILIES, MODE_CONSTANTS, mode_units
-from sim.vehicles.library import read_parameter_set, vehicle_names
+from sim.vehicles.library import VehicleData, read_parameter_set, vehicle_names
 
 FILE_KEYS = {"omega": "frequency", "zeta": "damping", "generalized_mass": "generalized_mass"}
 

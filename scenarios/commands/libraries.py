@@ -92,8 +92,7 @@ def show_vehicles(name: str | None, other: str | None) -> None:
     """All vehicles, one number by number, or what differs between two."""
     from scenarios.terminal.numbers import console
     from sim.errors import DeclarationError
-    from sim.vehicles.data import difference
-    from sim.vehicles.library import read_parameter_set, vehicle_names
+    from sim.vehicles.library import difference, read_parameter_set, vehicle_names
 
     if name is None:
         if other is not None:

@@ -125,4 +125,4 @@ def print_checks(model: Model) -> None:
         print(f"  {one.name:14} {share}")
 
 
-_ELEMENTARY = "write it with the functions of sim.maths.elementary, each run by itself"
+_ELEMENTARY = "write it with the functions of sim.maths, each run by itself"

@@ -22,9 +22,9 @@ from scenarios.preparation.gaps import split_at_gaps
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_of, joined, looked_at
 from scenarios.preparation.request import Request, column_choices
-from sim.declaration.parameters import AIRSPEEDS
+from sim.declaration.effect import AIRSPEEDS
 from sim.errors import RecordError
-from sim.maths.constants import G0
+from sim.maths import G0
 from sim.record import Channel, Record
 
 INPUTS = ("elevator", STICK, "aileron", "rudder")

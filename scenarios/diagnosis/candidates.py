@@ -14,8 +14,7 @@ from scenarios.files.sources import Source, read_source
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, GroupEffect, ParameterEffect, Signal
 from sim.declaration.model import Containing, Model
-from sim.declaration.proposal import Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Traceable, Traits
 from sim.errors import DeclarationError, ModelError
 
 Act = TypeVar("Act", bound=Effect)
@@ -116,7 +115,7 @@ def _check(effect: Any, where: str) -> None:
         shown = effect.name if hasattr(effect, "name") and isinstance(effect.name, str) and effect.name else type(effect).__name__
         raise DeclarationError(f"effect {shown} lacks {', '.join(missing)}", where=where, remedy="add it as docs/how-to/own-effect.md shows")
     if hasattr(effect, "traits") and not isinstance(effect.traits, Traits):
-        remedy = "make them with sim.declaration.traits.Traits"
+        remedy = "make them with sim.declaration.proposal.Traits"
         raise DeclarationError(f"effect {effect.name}: its traits are of type {type(effect.traits).__name__}", where=where, remedy=remedy)
     if not hasattr(effect, "traits"):
         # On the class, so that copies of the effect have it, too.

@@ -15,7 +15,7 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from sim.declaration.model import Model
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Traits
 from sim.record import Record
 
 if TYPE_CHECKING:

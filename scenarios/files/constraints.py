@@ -11,8 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from scenarios.files.declarations import closest
-from sim.declaration.model import Model
-from sim.declaration.ties import Tie
+from sim.declaration.model import Model, Tie
 from sim.errors import DeclarationError
 
 TABLES = ("fixed", "bounds", "tied")

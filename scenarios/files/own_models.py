@@ -17,8 +17,7 @@ from scenarios.files.declarations import closest, toml_of
 from scenarios.files.python_files import WANTED, run_python
 from scenarios.files.sources import InputFile, Source, read_source
 from sim.declaration.model import Model
-from sim.declaration.own_equations import OwnEquations
-from sim.declaration.own_trial import Starts, parameters_asked
+from sim.declaration.user_equations import OwnEquations, Starts, parameters_asked
 from sim.errors import DeclarationError, ModelError
 
 SUFFIX = ".py"

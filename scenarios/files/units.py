@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from sim.errors import FlightidError, RecordError
-from sim.maths.constants import G0
+from sim.maths import G0
 
 if TYPE_CHECKING:
     import pint

@@ -14,8 +14,7 @@ from ident.whole_record.layout import FitSettings
 from scenarios.identification.assessment.prediction import simulated
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from sim.declaration.model import Model, System
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import DeclarationError
 from sim.record import Record

@@ -30,8 +30,7 @@ from scenarios.identification.sigma_cautions import sigma_cautions
 from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from sim.declaration.model import Model, System
 from sim.effects.disturbance.phugoid import ATTITUDE, SPEED
 from sim.record import Record
 

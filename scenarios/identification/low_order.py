@@ -23,8 +23,8 @@ from scenarios.identification.low_order_filter import SIMULATION_SHARE, loes_fil
 from scenarios.identification.result import Identification
 from scenarios.studies.engines import bank_content
 from scenarios.studies.rows import rows_of
-from sim.closed_loop.reader import load_x29
-from sim.declaration.system import System
+from sim.closed_loop.airframe import load_x29
+from sim.declaration.model import System
 from sim.errors import RecordError
 from sim.record import Channel, Record
 from sim.vehicles.factory import model_from_constants

@@ -9,8 +9,7 @@ import numpy as np
 
 from ident.filters.problem import proportional_priors
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model, Noise
-from sim.declaration.system import System
+from sim.declaration.model import Model, Noise, System
 from sim.errors import RecordError
 from sim.record import Channel, Record
 from sim.vehicles.factory import loes_filter_model

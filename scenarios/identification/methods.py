@@ -24,9 +24,8 @@ from scenarios.identification.result import Options
 from scenarios.preparation.trim import of_totals
 from scenarios.studies.engines import UNSCENTED
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import Parameter, ParameterSet
-from sim.declaration.system import System
+from sim.declaration.effect import Parameter, ParameterSet
+from sim.declaration.model import Model, Noise, System
 from sim.effects.input_path.actuator_lag import ActuatorLag
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Record

@@ -17,7 +17,7 @@ from scenarios.identification.assessment.prediction import RecordFit
 from scenarios.identification.input_reading import OtherReading
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from scenarios.studies.rows import Row
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.record import Record
 
 

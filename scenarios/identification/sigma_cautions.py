@@ -13,7 +13,7 @@ from ident.statistics.residuals import ResidualTest
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.unstable_motion import GROWN, fastest, growth
 from scenarios.identification.frequency import METHOD as FREQUENCY
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.record import Record
 
 # In gusts, of the worst model: the factor on sigmas with which two of them hold 95.4 % of the true

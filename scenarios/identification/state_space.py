@@ -18,8 +18,7 @@ from scenarios.files.own_models import inputs_at_rest
 from scenarios.files.sources import resolved
 from scenarios.files.writing import write_content
 from scenarios.identification.result import Identification
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from sim.declaration.model import Model, System
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
 

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.maneuvers.multisine import least_peak_multisine
-from sim.maneuvers.steps import Maneuver, MultiStep, doublet, three_two_one_one
-from sim.maneuvers.sweep import Spacing, Sweep
+from sim.maneuvers import Maneuver, MultiStep, Spacing, Sweep, doublet, least_peak_multisine, three_two_one_one
 from sim.record import Record
 
 TAPER = 0.05  # of a sweep's length

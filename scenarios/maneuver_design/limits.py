@@ -15,7 +15,7 @@ from scenarios.files.vehicles_schema import number_in
 from scenarios.preparation.trim import of_totals
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
-from sim.maths.constants import G0
+from sim.maths import G0
 
 DEGREE = np.pi / 180.0
 # Chosen: gentle flying that perturbations about trim still describe; load factors are totals, 1 in level flight.

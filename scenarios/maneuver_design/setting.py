@@ -24,7 +24,7 @@ from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
-from sim.maths.elementary import complex_step_jacobian
+from sim.maths import complex_step_jacobian
 from sim.record import Channel, Hold, Record
 
 # Standard deviations of usual instruments, SI and g, where nobody names any.

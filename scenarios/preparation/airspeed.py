@@ -18,7 +18,7 @@ from scenarios.preparation.plan import DENSITY, LIFT, SPEED
 from sim.declaration.effect import Signal
 from sim.declaration.model import Model
 from sim.errors import RecordError
-from sim.maths.constants import G0
+from sim.maths import G0
 from sim.record import Channel, Hold, Record
 
 MEASURED = ("airspeed", "dynamic_pressure")

@@ -11,7 +11,7 @@ import numpy as np
 
 from scenarios.preparation.plan import Plan
 from sim.errors import RecordError
-from sim.propagation.grid import MOST_STEPS
+from sim.propagation import MOST_STEPS
 from sim.record import Channel, Hold, Record
 
 ORDER = 4

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from sim.errors import RecordError
-from sim.maths.constants import G0
+from sim.maths import G0
 from sim.record import Channel, Record
 
 MIDDLE = 1.5  # largest plausible ratio of a signal that stands still to one g

@@ -11,11 +11,11 @@ from ident.recording.finding import Certainty, Expectations, Finding, Kind
 from ident.recording.inspection import inspect
 from scenarios.files.own_models import is_own
 from scenarios.preparation.plan import Plan
+from sim.declaration.effect import AIRSPEEDS
 from sim.declaration.model import Model
-from sim.declaration.parameters import AIRSPEEDS
 from sim.errors import RecordError
-from sim.maths.constants import G0
-from sim.propagation.grid import MOST_STEPS
+from sim.maths import G0
+from sim.propagation import MOST_STEPS
 from sim.record import Channel, Record
 
 TRUST = "--trust-record"

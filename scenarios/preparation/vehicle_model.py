@@ -11,9 +11,8 @@ from scenarios.files.constraints import constrained
 from scenarios.files.own_models import inputs_at_rest, is_own
 from scenarios.files.vehicles import VehicleFile, with_priors
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Biased, Model
-from sim.declaration.system import System
-from sim.maths.elementary import complex_step_jacobian
+from sim.declaration.model import Biased, Model, System
+from sim.maths import complex_step_jacobian
 from sim.record import Record
 from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
 

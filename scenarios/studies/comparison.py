@@ -22,7 +22,7 @@ from scenarios.studies.study import MethodResult, Study
 from scenarios.studies.sweep.content import sweep_content
 from scenarios.terminal.flying_qualities import levels_content
 from scenarios.terminal.quantities import AXES
-from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
+from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility
 
 SCHEMA = "flightid/comparison/1"
 DERIVED_UNITS = {**MODAL_UNITS, "delay": "s"}

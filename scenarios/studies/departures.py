@@ -9,8 +9,7 @@ from dataclasses import fields
 from typing import Any
 
 from scenarios.studies.declaration import Choice, Estimation, Flight, Scenario
-from sim.vehicles.data import Origin, VehicleData
-from sim.vehicles.library import read_parameter_set
+from sim.vehicles.library import Origin, VehicleData, read_parameter_set
 
 HEADING = "chosen by this project [own]; no source prints it, or it prints another:"
 TOLD = (Origin.OWN, Origin.REMEMBERED, Origin.CONVERTED)  # origins that a reader would not expect of a published aircraft

@@ -22,10 +22,8 @@ from scenarios.studies.declaration import Estimation, Flight, Scenario, Start
 from scenarios.studies.flying import STEPS
 from scenarios.studies.scenario_file.own import own_biases, own_declared
 from sim.declaration.compile import compile_model
-from sim.declaration.effect import DynamicsEffect
-from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import ParameterSet
-from sim.declaration.system import System
+from sim.declaration.effect import DynamicsEffect, ParameterSet
+from sim.declaration.model import Model, Noise, System
 from sim.errors import DeclarationError
 from sim.record import Record
 from sim.vehicles.factory import (
@@ -39,7 +37,7 @@ from sim.vehicles.factory import (
     mode_units,
     model_from_constants,
 )
-from sim.vehicles.flexibility.stiffness import with_frequency_factor
+from sim.vehicles.flexibility import with_frequency_factor
 from sim.vehicles.library import read_parameter_set
 
 FIT_STEP = 0.01  # longest sub-step of whole-record fits, s

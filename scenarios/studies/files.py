@@ -22,8 +22,7 @@ from scenarios.studies.sweep.content import sweep_csv
 from scenarios.studies.text import print_study
 from scenarios.terminal.numbers import as_text
 from scenarios.terminal.summary import HERE
-from sim.truth.flight import Truth
-from sim.truth.motion import TOLERANCE
+from sim.truth.flight import TOLERANCE, Truth
 
 MAIN = "comparison.json"
 

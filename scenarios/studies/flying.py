@@ -14,17 +14,14 @@ from scenarios.files.own_models import inputs_at_rest
 from scenarios.studies.declaration import Flight, ManeuverPlan, Scenario
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
-from sim.maneuvers.multisine import schroeder_multisine
-from sim.maneuvers.steps import Maneuver, MultiStep, Sum, doublet, pulse, step, three_two_one_one
-from sim.maneuvers.sweep import Sweep
-from sim.propagation.integrate import euler_step, rk4_step
+from sim.maneuvers import Maneuver, MultiStep, Sum, Sweep, doublet, pulse, schroeder_multisine, step, three_two_one_one
+from sim.propagation import euler_step, rk4_step
 from sim.record import Record
 from sim.truth.feedback import fly_with_feedback
 from sim.truth.flight import Distance, Truth, fly, remeasure, sample_times
-from sim.vehicles.data import VehicleData
 from sim.vehicles.factory import WHOLE_AXES, ballistic_model, flexible_model, rigid_model, whole_axis_model
-from sim.vehicles.flexibility.stiffness import with_frequency_factor
-from sim.vehicles.library import read_parameter_set
+from sim.vehicles.flexibility import with_frequency_factor
+from sim.vehicles.library import VehicleData, read_parameter_set
 
 EVER = -1e6  # s, since when an input has been at rest: before all that a record or an effect looks back to
 SMOOTH = ("sweep", "multisine")

@@ -11,8 +11,8 @@ from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.studies.estimating import Result
 from scenarios.terminal.display_units import in_hertz, shown_in, spaced
 from sim.declaration.model import Model
-from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
-from sim.vehicles.linear import linearise
+from sim.vehicles.factory import linearise
+from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility
 
 LITTLE_LEARNT = 0.5  # of the prior's standard deviation: above it the record has said less than the start did
 

@@ -24,8 +24,7 @@ from scenarios.studies.sweep.sweep import Sweep
 from sim.errors import ModelError
 from sim.record import Record
 from sim.truth.flight import Truth
-from sim.vehicles.flexibility.degree import Flexibility, flexibility
-from sim.vehicles.flexibility.partial_condensation import condense_above
+from sim.vehicles.flexibility import Flexibility, condense_above, flexibility
 
 
 @dataclass(frozen=True, eq=False, repr=False)

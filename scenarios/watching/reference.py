@@ -13,7 +13,7 @@ from scenarios.files.sources import resolved
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.identification.low_order import DERIVED
 from scenarios.identification.low_order_filter import PAPER_START
-from sim.closed_loop.reader import load_x29
+from sim.closed_loop.airframe import load_x29
 from sim.errors import DeclarationError
 from sim.vehicles.factory import LOES_CONSTANTS
 

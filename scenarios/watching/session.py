@@ -21,7 +21,7 @@ from scenarios.identification.low_order import filter_system, less, noise_levels
 from scenarios.watching.rows import OUTPUTS
 from scenarios.watching.spectral import SpectralSession
 from scenarios.watching.spectral import take as take_in_frequency
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import RecordError
 from sim.record import Channel, Record
 

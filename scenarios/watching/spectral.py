@@ -29,8 +29,7 @@ from scenarios.studies.comparison import estimate_content
 from scenarios.studies.rows import Row
 from scenarios.watching.rows import LOES, StreamSignals
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from sim.declaration.model import Model, System
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Record
 from sim.vehicles.factory import model_from_constants

@@ -17,9 +17,8 @@ from scenarios.identification.low_order_filter import ENGINEERING_STD, loes_filt
 from scenarios.x29.declaration import LoopEstimation
 from scenarios.x29.flying import Flown, low_order_model
 from scenarios.x29.published import printed_start
-from sim.declaration.system import System
-from sim.propagation.grid import drive_from_record, make_grid
-from sim.propagation.integrate import simulate
+from sim.declaration.model import System
+from sim.propagation import drive_from_record, make_grid, simulate
 from sim.record import Record
 
 SETTLED = 0.1  # sigmas: a restart that moves nothing further has settled

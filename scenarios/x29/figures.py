@@ -31,7 +31,7 @@ from scenarios.x29.loop.open_margins import OpenMargins
 from scenarios.x29.loop.open_values import OPEN
 from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, Result
-from sim.declaration.parameters import Parameter
+from sim.declaration.effect import Parameter
 
 SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
 

@@ -11,7 +11,7 @@ from scenarios.x29.loop.open_margins import margins_sentence
 from scenarios.x29.paper.sentences import paper_sentences
 from scenarios.x29.study import LoopStudy
 from scenarios.x29.verdicts import HALF_FRAME, verdicts
-from sim.closed_loop.reader import load_x29
+from sim.closed_loop.airframe import load_x29
 
 BEYOND = 2.0  # sigmas
 DISAGREE = 0.1  # of a frequency

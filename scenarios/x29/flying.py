@@ -8,14 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scenarios.x29.declaration import LoopFlight, StickPlan
-from sim.closed_loop.airframe import X29
-from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
-from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, fly_closed_loop
-from sim.closed_loop.reader import load_x29
-from sim.closed_loop.sticks import SmoothStick, doublet, hand_flown, three_two_one_one
+from sim.closed_loop.airframe import X29, load_x29
+from sim.closed_loop.linear import EquivalentSystem, equivalent_system
+from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, SmoothStick, doublet, fly_closed_loop, hand_flown, three_two_one_one
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
-from sim.maneuvers.steps import MultiStep
+from sim.maneuvers import MultiStep
 from sim.record import Channel, Record
 from sim.truth.flight import fly
 from sim.vehicles.factory import model_from_constants

@@ -23,8 +23,7 @@ from scenarios.x29.loop.open_margins import OpenMargins, margins_of, planned_mar
 from scenarios.x29.measures import Misfit, misfit, sensor_noise
 from scenarios.x29.methods import MethodResult, Restarts, Ways, all_restarts, other_side, run_methods
 from scenarios.x29.variants import OverSeeds, VariantResult, run_over_seeds, run_variant
-from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
-from sim.closed_loop.linear import Margins
+from sim.closed_loop.linear import EquivalentSystem, Margins, equivalent_system
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Noise
 from sim.errors import DeclarationError, RecordError

@@ -1,17 +1,38 @@
-"""The closed loop's equations as matrices: continuous airframe, surfaces and sensors; sampled shaping and control law.
+"""Equations of the closed loop: matrices of its parts, steps with rate and position limits, any computing delay.
 
 Every block is written here once. ``sim.closed_loop.linear`` gives the blocks signal names and joins them with python-control;
 ``sim.closed_loop.nonlinear`` steps them with limits.
+
+The rams are piecewise linear: free, at their rate limit, or at an end of the travel. Within one of these modes the whole plant
+is linear and is stepped exactly by a matrix exponential. The span is looked at in ``pieces`` equal steps. While no limit is
+met at any of them, one exponential covers the whole span. Where a step ends beyond a limit, the instant of the change is
+found by halving that step ``_HALVINGS`` times. Two errors remain: the instant, to 2^-20 of a piece, where the rate is continuous so
+that the state is wrong in second order only; and a limit met and left again within one piece, which is not seen. On flights
+whose surfaces run at their limits 1 to 64 pieces a frame agree to 1e-9 rad in alpha.
+
+The computer reads its sensors at a frame and moves the command ``late`` seconds after it, whatever ``delay_frames`` of its law says. The command
+holds until the next one comes, so sampling is exact: over a frame the old command acts for the rest of ``late``, then the new one.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sim.closed_loop.airframe import X29, Actuator, Airframe, ControlLaw, Sensor, StickShaping
+from sim.errors import ModelError
+
+if TYPE_CHECKING:
+    from control import StateSpace
+
+
+# ---- The closed loop's equations as matrices
 
 DEGREE = math.pi / 180.0
 OUTPUT_NAMES = ("alpha", "q", "nz", "canard", "flaperon", "strake", "gyro", "accelerometer")
@@ -147,3 +168,232 @@ def _tustin(n0: float, n1: float, d0: float, d1: float, frame: float) -> tuple[f
     c = 2.0 / frame
     denominator = d0 + d1 * c
     return (d1 * c - d0) / denominator, (n0 + n1 * c) / denominator, (n0 - n1 * c) / denominator
+
+
+# ---- Steps the continuous part of the loop through a span with constant commands
+
+_HALVINGS = 20
+# Slack before a limit counts as passed, in parts of the limit; it keeps rounding from switching a mode to and fro.
+_SLACK = 1e-10
+
+
+class RamMode(IntEnum):
+    """What moves a ram."""
+
+    FREE = 0
+    RATE_UP = 1
+    RATE_DOWN = 2
+    STOP_UPPER = 3
+    STOP_LOWER = 4
+
+
+Modes = tuple[RamMode, RamMode, RamMode]
+ALL_FREE: Modes = (RamMode.FREE, RamMode.FREE, RamMode.FREE)
+
+
+@dataclass(frozen=True, eq=False)
+class Stepper:
+    """A span of fixed length, prepared. Make one with ``prepare``.
+
+    Attributes
+    ----------
+    free : ``(m, m)``, moves the extended state (plant state, three commands, 1) over the span with every ram free.
+    watch : ``(k, m)``, rates and positions of the rams at the ends of the pieces, scaled so that the limits are -1 and 1.
+    ram_rate : ``(3, m)``, rates the rams would have when free, deg/s.
+    rams, rates, lower, upper : positions in the state, and limits about trim, deg/s and deg.
+    powers : for a set of modes the exponentials of a piece halved 0, 1, ... times, ``(21, m, m)``; made once each.
+    """
+
+    free: np.ndarray
+    watch: np.ndarray
+    ram_rate: np.ndarray
+    rams: tuple[int, int, int]
+    rates: tuple[float, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    pieces: int
+    powers: Callable[[Modes], np.ndarray]
+
+
+def prepare(x29: X29, plant: Plant, span: float, pieces: int) -> Stepper:
+    """A stepper over ``span`` s that looks at the limits ``pieces`` times."""
+    from scipy.linalg import expm
+
+    n = plant.A.shape[0]
+    M = np.zeros((n + 4, n + 4))
+    M[:n, :n], M[:n, n : n + 3] = plant.A, plant.B
+    rams = plant.rams
+    rates = tuple(surface.rate for surface in x29.surfaces)
+    lower = tuple(surface.lower - surface.trim for surface in x29.surfaces)
+    upper = tuple(surface.upper - surface.trim for surface in x29.surfaces)
+    ram_rate = M[list(rams)].copy()
+
+    scaled = np.zeros((6, n + 4))
+    for i in range(3):
+        half, middle = (upper[i] - lower[i]) / 2.0, (upper[i] + lower[i]) / 2.0
+        scaled[i] = ram_rate[i] / rates[i]
+        scaled[3 + i, rams[i]], scaled[3 + i, -1] = 1.0 / half, -middle / half
+    at = expm(M * (span / pieces * np.arange(pieces + 1))[:, None, None])
+
+    @cache
+    def powers(modes: Modes) -> np.ndarray:
+        moved = M.copy()
+        for i, mode in enumerate(modes):
+            if mode is not RamMode.FREE:
+                moved[rams[i]] = 0.0
+                moved[rams[i], -1] = {RamMode.RATE_UP: rates[i], RamMode.RATE_DOWN: -rates[i]}.get(mode, 0.0)
+        return np.asarray(expm(moved * (span / pieces * 0.5 ** np.arange(_HALVINGS + 1))[:, None, None]))
+
+    return Stepper(at[-1], np.concatenate([scaled @ matrix for matrix in at]), ram_rate, rams, rates, lower, upper, pieces, powers)
+
+
+def advance(stepper: Stepper, state: np.ndarray, modes: Modes) -> tuple[np.ndarray, Modes, tuple[Modes, ...]]:
+    """Moves the extended state ``(m,)`` over the span.
+
+    Returns the state and modes at its end, and the modes that were active on the way in order (empty when all rams were free).
+    """
+    if modes == ALL_FREE and np.abs(stepper.watch @ state).max() <= 1.0 + _SLACK:
+        return stepper.free @ state, modes, ()
+    # A new command moves the rate of a ram without servo at once.
+    modes = _modes_after(stepper, state, modes)
+    seen = [modes]
+    for _ in range(stepper.pieces):
+        # Time left in this piece and the step to try, in units of the finest step.
+        left = 1 << _HALVINGS
+        level = 0
+        while left:
+            while 1 << (_HALVINGS - level) > left:
+                level += 1
+            trial = stepper.powers(modes)[level] @ state
+            following = _modes_after(stepper, trial, modes)
+            if following == modes or level == _HALVINGS:
+                state = trial
+                left -= 1 << (_HALVINGS - level)
+                if following != modes:
+                    _put_on_stops(stepper, state, following)
+                    modes, level = following, 0
+                    seen.append(modes)
+            else:
+                level += 1
+    return state, modes, tuple(seen)
+
+
+def _modes_after(stepper: Stepper, state: np.ndarray, modes: Modes) -> Modes:
+    """The modes in which the rams go on from a state that was reached in ``modes``."""
+    rates = (stepper.ram_rate @ state).tolist()
+    positions = [float(state[i]) for i in stepper.rams]
+    return (
+        _mode_after(modes[0], rates[0], positions[0], stepper.rates[0], stepper.lower[0], stepper.upper[0]),
+        _mode_after(modes[1], rates[1], positions[1], stepper.rates[1], stepper.lower[1], stepper.upper[1]),
+        _mode_after(modes[2], rates[2], positions[2], stepper.rates[2], stepper.lower[2], stepper.upper[2]),
+    )
+
+
+def _mode_after(mode: RamMode, wanted: float, position: float, rate: float, lower: float, upper: float) -> RamMode:
+    slack = _SLACK * (upper - lower)
+    within = lower - slack <= position <= upper + slack
+    if mode is RamMode.FREE:
+        stays = within and abs(wanted) <= rate * (1.0 + _SLACK)
+    elif mode is RamMode.RATE_UP:
+        stays = within and wanted >= rate
+    elif mode is RamMode.RATE_DOWN:
+        stays = within and wanted <= -rate
+    elif mode is RamMode.STOP_UPPER:
+        stays = wanted >= 0.0
+    else:
+        stays = wanted <= 0.0
+    if stays:
+        return mode
+    if position >= upper and wanted > 0.0:
+        return RamMode.STOP_UPPER
+    if position <= lower and wanted < 0.0:
+        return RamMode.STOP_LOWER
+    if wanted >= rate:
+        return RamMode.RATE_UP
+    return RamMode.RATE_DOWN if wanted <= -rate else RamMode.FREE
+
+
+def _put_on_stops(stepper: Stepper, state: np.ndarray, modes: Modes) -> None:
+    for i, mode in enumerate(modes):
+        if mode is RamMode.STOP_UPPER:
+            state[stepper.rams[i]] = stepper.upper[i]
+        elif mode is RamMode.STOP_LOWER:
+            state[stepper.rams[i]] = stepper.lower[i]
+
+
+# ---- The linear loop whose computing delay is no whole number of frames
+
+
+@dataclass(frozen=True, eq=False)
+class LateLoop:
+    """A loop in its three sampled parts: plant from ``u_p`` to ``OUTPUT_NAMES``, law from r, gyro and accelerometer to ``u_p`` without any
+    delay, stick shaping from stick to r; and the sample time, s."""
+
+    plant: StateSpace
+    law: StateSpace
+    shaping: StateSpace
+    frame: float
+
+    @property
+    def open_loop(self) -> StateSpace:
+        """The loop broken at u_p: the negated command that comes back; 1 + L = 0 closes it."""
+        import control
+
+        law, plant = self.law, self.plant
+        back = control.ss(law.A, law.B[:, 1:], -law.C, -law.D[:, 1:], self.frame)
+        return back * control.ss(plant.A, plant.B, plant.C[6:8], plant.D[6:8], self.frame)
+
+    def response(self, omega: np.ndarray) -> np.ndarray:
+        """Response of alpha, q and incremental nz to the stick from frame to frame, complex ``(3, n)``, per inch; ``omega`` in rad/s."""
+        z = np.exp(1j * np.asarray(omega) * self.frame)
+        moved, law, shaped = (_at(block, z) for block in (self.plant, self.law, self.shaping))
+        returned = -(law[:, 0, 1] * moved[:, 6, 0] + law[:, 0, 2] * moved[:, 7, 0])
+        return np.asarray(moved[:, :3, 0].T * law[:, 0, 0] * shaped[:, 0, 0] / (1.0 + returned))
+
+
+def late_loop(x29: X29, late: float) -> LateLoop:
+    """The loop of ``x29`` with commands ``late`` s after the frame whose sensors they were computed from. Raises ModelError for a negative one."""
+    import control
+
+    if not late >= 0.0:
+        raise ModelError(f"a computing delay of {late:g} s", where="late_loop", remedy="give 0 or more")
+    law = law_matrices(replace(x29.law, delay_frames=1))
+    shaping, gain = shaping_matrices(x29.stick, x29.frame), x29.stick.gain
+    # Of a law with one frame of delay the third state is the command on its way: its row is the law without delay.
+    return LateLoop(
+        _late_plant(x29, late),
+        control.ss(law.A[:2, :2], law.B[:2], law.A[2:3, :2], law.B[2:3], x29.frame),
+        control.ss(shaping.A, gain * shaping.B, shaping.C, gain * shaping.D, x29.frame),
+        x29.frame,
+    )
+
+
+def _at(block: StateSpace, z: np.ndarray) -> np.ndarray:
+    """Transfer matrices ``(n, outputs, inputs)`` at ``z (n,)``, all in one solution; python-control's own call takes one point after the other."""
+    resolvent = z[:, None, None] * np.eye(block.nstates) - block.A
+    return np.asarray(block.C @ np.linalg.solve(resolvent, np.broadcast_to(block.B, (z.size, *block.B.shape))) + block.D)
+
+
+def _late_plant(x29: X29, late: float) -> StateSpace:
+    """From u_p to ``OUTPUT_NAMES``; states: the plant's, then the commands of the frames before, the latest first."""
+    import control
+
+    system, T = plant(x29), x29.frame
+    whole = int(np.floor(late / T + 1e-9))
+    rest = max(late - whole * T, 0.0)
+    continuous = control.ss(system.A, system.B @ mixing(x29)[:, None], system.C, np.zeros((len(OUTPUT_NAMES), 1)))
+    after = control.sample_system(continuous, T - rest, "zoh")
+    n, m = system.A.shape[0], whole + 1
+    A, B = np.zeros((n + m, n + m)), np.zeros((n + m, 1))
+    A[:n, :n], new = after.A, after.B
+    if rest > 0.0:
+        before = control.sample_system(continuous, rest, "zoh")
+        A[:n, :n], A[:n, n + whole : n + whole + 1] = after.A @ before.A, after.A @ before.B
+    if whole:
+        A[:n, n + whole - 1 : n + whole] += new
+    else:
+        B[:n] = new
+    B[n] = 1.0
+    A[n + 1 :, n : n + m - 1] = np.eye(m - 1)
+    C = np.hstack([system.C, np.zeros((len(OUTPUT_NAMES), m))])
+    return control.ss(A, B, C, np.zeros((len(OUTPUT_NAMES), 1)), T)

@@ -1,20 +1,222 @@
-"""Flies the sampled closed loop with its limits and break-out, and records it as telemetry would."""
+"""The sampled closed loop flown with its limits and break-out, under the pilot's stick, and recorded as telemetry.
+
+What comes near a limit is left to be stepped by ``sim.closed_loop.equations``, frame by frame, which is exact there.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
 from sim.closed_loop.airframe import X29
-from sim.closed_loop.equations import law_matrices, mixing, plant, shape_stick, shaping_matrices
-from sim.closed_loop.free_frames import FRAMES, filtered, free_frames
-from sim.closed_loop.limits import ALL_FREE, RamMode, Stepper, advance, prepare
+from sim.closed_loop.equations import (
+    ALL_FREE,
+    Matrices,
+    RamMode,
+    Stepper,
+    advance,
+    law_matrices,
+    mixing,
+    plant,
+    prepare,
+    shape_stick,
+    shaping_matrices,
+)
 from sim.errors import ModelError
 from sim.record import Channel, Record
+
+# ---- Pilot's stick inputs as functions of time
+
+# Rounding of a time built by adding up frames must not move a switch to the next frame.
+_TIME_SLACK = 1e-9
+
+
+@dataclass(frozen=True)
+class SteppedStick:
+    """Constant between switches: ``levels[i]`` (in) from ``times[i]`` (s) on, 0 before the first.
+
+    Called with times, any shape, it returns the stick there; at a switch the new level holds.
+    Raises ModelError when times and levels differ in number or the times do not increase.
+    """
+
+    times: tuple[float, ...]
+    levels: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        _check(self.times, self.levels)
+
+    def __call__(self, time: np.ndarray) -> np.ndarray:
+        steps = np.searchsorted(self.times, np.asarray(time) + _TIME_SLACK, side="right")
+        return np.concatenate([[0.0], self.levels])[steps]
+
+
+@dataclass(frozen=True)
+class SmoothStick:
+    """A stepped stick through a critically damped second-order hand, bandwidth w (rad/s), in closed form.
+
+    Each change d of level at t_i adds d [1 - (1 + w s) exp(-w s)] with s = t - t_i > 0. Errors as for SteppedStick.
+    """
+
+    times: tuple[float, ...]
+    levels: tuple[float, ...]
+    bandwidth: float
+
+    def __post_init__(self) -> None:
+        _check(self.times, self.levels)
+        if not self.bandwidth > 0:
+            raise ModelError(f"bandwidth {self.bandwidth:g} rad/s", where="stick", remedy="give a positive one")
+
+    def __call__(self, time: np.ndarray) -> np.ndarray:
+        since = np.maximum(np.asarray(time)[..., None] - np.array(self.times), 0.0) * self.bandwidth
+        changes = np.diff(np.concatenate([[0.0], self.levels]))
+        return np.asarray((1.0 - (1.0 + since) * np.exp(-since)) @ changes)
+
+
+def three_two_one_one(amplitude: float = 1.0, unit: float = 0.5, start: float = 1.0) -> SteppedStick:
+    """The 3-2-1-1: +, -, +, - for 3, 2, 1 and 1 units (s) from ``start`` (s), then 0; a negative amplitude (in) turns the sign."""
+    return alternating((3.0, 2.0, 1.0, 1.0), amplitude, unit, start)
+
+
+def doublet(amplitude: float = 1.0, unit: float = 1.0, start: float = 1.0) -> SteppedStick:
+    """One unit (s) of + ``amplitude`` (in), one of -, then 0."""
+    return alternating((1.0, 1.0), amplitude, unit, start)
+
+
+def alternating(lengths: tuple[float, ...], amplitude: float, unit: float, start: float) -> SteppedStick:
+    """Steps of alternating sign, ``lengths`` in units (s), then 0; switches at ``start + unit * sum(lengths so far)``."""
+    edges = np.concatenate([[0.0], np.cumsum(lengths)])
+    levels = [amplitude * (-1.0) ** i for i in range(len(lengths))]
+    return SteppedStick(tuple(float(start + unit * edge) for edge in edges), (*levels, 0.0))
+
+
+def hand_flown(rng: np.random.Generator, duration: float, amplitude: float = 1.0, bandwidth: float = 10.0, start: float = 0.5) -> SmoothStick:
+    """A history as a pilot flies it: pulls and pushes of uneven size and length, now and then a rest near zero; 0 at the end.
+
+    Levels change every 0.3 to 1.5 s and alternate in sign with sizes of 0.3 to 1 ``amplitude`` (in); one in four is within 0.1
+    of it instead. The last second before ``duration`` (s) is let go. The same generator state gives the same history.
+    """
+    times, levels, sign, now = [], [], 1.0 if rng.random() < 0.5 else -1.0, start
+    while now < duration - 1.0:
+        resting, size, length = rng.random() < 0.25, rng.random(), rng.random()
+        times.append(now)
+        levels.append(amplitude * (0.1 * (2.0 * size - 1.0) if resting else sign * (0.3 + 0.7 * size)))
+        sign = sign if resting else -sign
+        now += 0.3 + 1.2 * length
+    end = max(duration - 1.0, start)
+    return SmoothStick((*times, end), (*levels, 0.0), bandwidth)
+
+
+def _check(times: tuple[float, ...], levels: tuple[float, ...]) -> None:
+    if len(times) != len(levels) or not times:
+        raise ModelError(f"{len(times)} times and {len(levels)} levels", where="stick", remedy="give as many of one as of the other, at least one")
+    if not np.all(np.isfinite(times)) or not np.all(np.isfinite(levels)) or np.any(np.diff(times) <= 0):
+        raise ModelError("times do not increase, or a number is not finite", where="stick", remedy="give finite levels at increasing times")
+
+
+# ---- Frames of the computer in which nothing is limited
+
+FRAMES = 32  # at a time: more cost more for each, fewer do not repay the call
+INSIDE = 1.0 - 1e-9  # of a limit, within which rounding does not decide
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """``FRAMES`` steps of ``w' = A w + b r`` at once.
+
+    Attributes
+    ----------
+    from_start : ``((FRAMES + 1) d, d)``, w at every frame from w at the first. from_input : ``((FRAMES + 1) d, FRAMES)``, from r.
+    """
+
+    from_start: np.ndarray
+    from_input: np.ndarray
+
+    def states(self, start: np.ndarray, driven: np.ndarray) -> np.ndarray:
+        """w at the frames of ``driven (k,)``, at most ``FRAMES`` of them, and at the one after the last: ``(k + 1, d)``."""
+        d, k = start.size, driven.size
+        rows = (k + 1) * d
+        return np.asarray(self.from_start[:rows] @ start + self.from_input[:rows, :k] @ driven).reshape(k + 1, d)
+
+
+def stretch(A: np.ndarray, b: np.ndarray) -> Stretch:
+    """Prepare ``A (d, d)``, ``b (d,)``."""
+    d = b.size
+    powers, pulses = np.empty((FRAMES + 1, d, d)), np.zeros((FRAMES + 1, d, FRAMES))
+    powers[0] = np.eye(d)
+    for j in range(FRAMES):
+        powers[j + 1] = A @ powers[j]
+    answer = powers[:-1] @ b
+    for j in range(1, FRAMES + 1):
+        pulses[j, :, :j] = answer[:j][::-1].T
+    return Stretch(powers.reshape(-1, d), pulses.reshape(-1, FRAMES))
+
+
+def filtered(block: Matrices, driven: np.ndarray) -> np.ndarray:
+    """Output ``(N,)`` of a sampled block with one input and one output, from rest."""
+    prepared, out, state = stretch(block.A, block.B[:, 0]), np.empty(driven.size), np.zeros(block.A.shape[0])
+    for k in range(0, driven.size, FRAMES):
+        part = driven[k : k + FRAMES]
+        states = prepared.states(state, part)
+        out[k : k + FRAMES] = states[:-1] @ block.C[0] + block.D[0, 0] * part
+        state = states[-1]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class FreeFrames:
+    """The loop with every ram free: plant states, then the computer's.
+
+    Attributes
+    ----------
+    prepared : the loop over a stretch. watch, offset : ``(v, d)`` and ``(v,)``: a frame is free where ``|watch w + offset|`` stays below one.
+    command : ``(d,)``, u_p. inner : ``(n, d)``, plant states at the last look of a record within the frame.
+    """
+
+    prepared: Stretch
+    watch: np.ndarray
+    offset: np.ndarray
+    command: np.ndarray
+    inner: np.ndarray
+
+    def ahead(self, start: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """w at the frames from ``start`` on that are free, and at the one after them, ``(f + 1, d)``; ``reference (k,)`` g at the frames."""
+        states = self.prepared.states(start, reference[:FRAMES])
+        seen = np.abs(states[:-1] @ self.watch.T + self.offset).max(axis=1)
+        limited = np.flatnonzero(~(seen < INSIDE))
+        return states if limited.size == 0 else states[: limited[0] + 1]
+
+
+def free_frames(x29: X29, steppers: Sequence[Stepper], departure: float) -> FreeFrames:
+    """Prepare the loop of an aircraft; ``departure`` rad of alpha ends a flight."""
+    law, mix, n = law_matrices(x29.law), mixing(x29), plant(x29).A.shape[0]
+    d = n + law.A.shape[0]
+    command = np.concatenate([np.zeros(n), law.C[0]])
+    # The extended state of the steppers, plant states, commands and one, from w; the last by ``offset``.
+    state, watch, offset = np.eye(n, d), [], []
+    inner = state
+    for stepper in steppers:
+        inner = state
+        extended = np.concatenate([state, np.outer(mix, command)])
+        watch.append(stepper.watch[:, :-1] @ extended)
+        offset.append(stepper.watch[:, -1])
+        state = stepper.free[:n, :-1] @ extended
+    for i, surface in enumerate(x29.surfaces):
+        half, middle = (surface.upper - surface.lower) / 2.0, (surface.upper + surface.lower) / 2.0 - surface.trim
+        watch.append(mix[i] / half * command[None])
+        offset.append(np.array([-middle / half]))
+    watch.append(np.eye(1, d) / departure)
+    offset.append(np.zeros(1))
+    sensed = law.B[:, 1:] @ plant(x29).C[6:8]
+    A = np.concatenate([state, np.concatenate([sensed, law.A], axis=1)])
+    b = np.concatenate([np.zeros(n), law.B[:, 0]])
+    return FreeFrames(stretch(A, b), np.concatenate(watch), np.concatenate(offset), command, inner)
+
+
+# ---- Flies the sampled closed loop with its limits and break-out
 
 Stick = Callable[[np.ndarray], np.ndarray]
 # Beyond this angle of attack (rad) linear derivatives mean nothing and the flight is broken off.
@@ -66,7 +268,7 @@ def fly_closed_loop(
     """Flies from trim for ``duration`` s and returns the telemetry record with the truth.
 
     Within a frame (12.5 ms) the plant is stepped exactly by the matrix exponential with the command held; rate and position
-    limits are exact but for a limit met and left within 1/``pieces`` of a frame (see ``sim.closed_loop.limits``). The computer
+    limits are exact but for a limit met and left within 1/``pieces`` of a frame (see ``sim.closed_loop.equations``). The computer
     reads the stick and both sensors at the frame and moves the command one frame later.
 
     Parameters
@@ -124,7 +326,7 @@ def fly_closed_loop(
 
 
 @dataclass(frozen=True, eq=False)
-class _Flown:
+class _FrameStates:
     """Plant states at the frames and, for a skewed record, inside them; commands and limits, one row a frame."""
 
     states: np.ndarray
@@ -137,7 +339,7 @@ class _Flown:
     outcome: FlightOutcome
 
 
-def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _Flown:
+def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _FrameStates:
     system, law = plant(x29), law_matrices(x29.law)
     n, count = system.A.shape[0], reference.size
     steppers = _steppers(x29, pieces)
@@ -180,7 +382,7 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _Flown:
                     rate_limited[k, i] |= mode in (RamMode.RATE_UP, RamMode.RATE_DOWN)
                     stopped[k, i] |= mode in (RamMode.STOP_UPPER, RamMode.STOP_LOWER)
         k += 1
-    return _Flown(states[:count], inner[:count], reference, command[:count], limited[:count], rate_limited[:count], stopped[:count], outcome)
+    return _FrameStates(states[:count], inner[:count], reference, command[:count], limited[:count], rate_limited[:count], stopped[:count], outcome)
 
 
 def _steppers(x29: X29, pieces: int) -> tuple[Stepper, ...]:
@@ -192,7 +394,7 @@ def _steppers(x29: X29, pieces: int) -> tuple[Stepper, ...]:
     return tuple(prepare(x29, system, span, math.ceil(pieces * span / x29.frame)) for span in spans)
 
 
-def _states_at_rows(x29: X29, flown: _Flown, rows: np.ndarray) -> np.ndarray:
+def _states_at_rows(x29: X29, flown: _FrameStates, rows: np.ndarray) -> np.ndarray:
     """Plant states ``recorded_skew`` before the given frames; trim before the flight."""
     whole, rest = divmod(x29.stick.recorded_skew, x29.frame)
     source, frames = (flown.inner_states, rows - int(whole) - 1) if rest else (flown.states, rows - int(whole))

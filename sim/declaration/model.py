@@ -1,17 +1,79 @@
-"""A model: equations of motion on named signals, parameters, initial state, noise, effects."""
+"""The declared model: equations, parameters and their ties, effects; and the System that it is compiled to.
+
+Rows: ``x``, ``u`` and ``p`` are sequences with one entry a state, input or parameter; an entry is a
+float, a complex number or an array whose axes are batch axes. The same source serves the step-by-step
+filter (floats), banks and campaigns (arrays of runs), whole-record fits (arrays of samples) and
+derivatives (complex).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Protocol, runtime_checkable
 
-from sim.declaration.effect import Effect, Signal, constants_needed, full_name, ports_needed
-from sim.declaration.parameters import Parameter, ParameterSet
-from sim.declaration.ties import Tie, with_tied_values
+import numpy as np
+
+from sim.declaration.effect import Effect, Parameter, ParameterSet, Signal, constants_needed, full_name, ports_needed
 from sim.errors import ModelError
+
+# ---- Ties: parameters that are no unknowns of their own, but a linear function of others
+
+
+@dataclass(frozen=True)
+class Tie:
+    """``name`` = ``constant`` + the sum of factor times parameter over ``terms``, all in SI."""
+
+    name: str
+    terms: tuple[tuple[str, float], ...]
+    constant: float = 0.0
+
+    def of(self, values: Callable[[str], Any]) -> Any:
+        """What the tie gives where ``values`` says what each parameter is."""
+        out: Any = self.constant
+        for source, factor in self.terms:
+            out = out + factor * values(source)
+        return out
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The parameters that it follows."""
+        return tuple(source for source, _ in self.terms)
+
+    @property
+    def words(self) -> str:
+        """``"Cn_da = -0.1 Cl_da + 0.002"``."""
+        parts = [f"{factor:g} {source}" for source, factor in self.terms] + ([f"{self.constant:g}"] if self.constant else [])
+        return f"{self.name} = {' + '.join(parts)}".replace("+ -", "- ")
+
+
+def with_tied_values(parameters: ParameterSet, ties: Sequence[Tie]) -> ParameterSet:
+    """The set with each tied parameter held at what its tie gives.
+
+    Raises
+    ------
+    ModelError : a tie of or to a parameter that there is not, of one that is tied already, to one that is tied itself, or a value that is
+        not finite or beyond the tied parameter's bounds.
+    """
+    tied = [tie.name for tie in ties]
+    for tie in ties:
+        where = f"tie of {tie.name}"
+        for name in (tie.name, *tie.sources):
+            parameters.index(name)
+        if tied.count(tie.name) > 1:
+            raise ModelError("tied twice", where=where, remedy="keep one of the two")
+        for source in tie.sources:
+            if source in tied:
+                raise ModelError(f"{source} is tied itself", where=where, remedy="tie both to parameters that are not")
+        if not tie.terms or not all(math.isfinite(number) for number in (tie.constant, *(factor for _, factor in tie.terms))):
+            raise ModelError("no finite numbers", where=where, remedy="give one parameter at least, with a finite factor")
+    given = {tie.name: float(tie.of(lambda name: parameters[name].value)) for tie in ties}
+    return parameters.hold(tied).with_values(given)
+
+
+# ---- A model: equations of motion on named signals, parameters, initial state, noise, effects
 
 
 class Equations(Protocol):
@@ -218,3 +280,52 @@ class Model:
         known = self.equations.bias_priors if isinstance(self.equations, KnowingBiases) else {}
         added = [Parameter(f"bias_{name}", 0.0, units[name], prior_std=min(prior_std, known.get(name, math.inf))) for name in new]
         return replace(self, biases=(*self.biases, *new), parameters=self.parameters.joined(added))
+
+
+# ---- The compiled model
+
+Rows = Sequence[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Five array functions and the names of what they take.
+
+    ``input_path(p, u, edges)`` maps cell means of the recorded inputs to cell means at the vehicle, ``f(t, x, u, p)``
+    gives the rates of the states, ``h(t, x, u, p)`` the outputs before sensors with memory,
+    ``sensor_path(p, begin, end, steps)`` the outputs after them, ``noise(p)`` the spectral density of
+    each state's forcing and the measurement variance of each output. ``input_stages`` and
+    ``sensor_stages`` name the effects on the two paths: with none the path is the identity, bit for bit.
+    ``input_parameters`` act on the input path only, ``output_parameters`` only after the dynamics: an algorithm may
+    spare itself the derivatives of ``f`` by them. ``stationary`` names the states of noise effects: random ones, whose start
+    is drawn from their own stationary distribution.
+    """
+
+    states: tuple[Signal, ...]
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    parameters: ParameterSet
+    initial: ParameterSet
+    declared_noise: Noise
+    input_stages: tuple[str, ...]
+    sensor_stages: tuple[str, ...]
+    input_parameters: frozenset[str]
+    output_parameters: frozenset[str]
+    input_path: Callable[[Rows, list[Any], np.ndarray], list[Any]]
+    f: Callable[[Any, Rows, Rows, Rows], list[Any]]
+    h: Callable[[Any, Rows, Rows, Rows], list[Any]]
+    sensor_path: Callable[[Rows, list[Any], list[Any], np.ndarray], tuple[list[Any], list[Any]]]
+    noise: Callable[[Rows], tuple[list[Any], list[Any]]]
+    stationary: frozenset[str] = frozenset()
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        return tuple(signal.name for signal in self.states)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        return tuple(signal.name for signal in self.inputs)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        return tuple(signal.name for signal in self.outputs)

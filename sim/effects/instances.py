@@ -1,4 +1,4 @@
-"""Instances of an effect on the inputs and outputs of any equations: what they are called, and what is large in which unit."""
+"""Instances of an effect on the inputs and outputs of given equations: names, sizes, advice to separate them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from collections.abc import Iterable
 
 from sim.declaration.effect import OnChannel, OnSignal, Signal, constants_needed, ports_needed
 from sim.declaration.model import Containing, DrivenBeside, Equations
-from sim.declaration.own_equations import OwnEquations
 from sim.declaration.proposal import Traceable
+from sim.declaration.user_equations import OwnEquations
+
+# ---- Instances of an effect on the inputs and outputs of any equations
 
 # Name and unit of those whose instances stand in the effects' own files.
 KNOWN_INPUTS = {("elevator", "rad"), ("stick", "1")}
@@ -109,3 +111,15 @@ def per_unit(port: str, *signals: str) -> str:
     """The unit of a slope by the product of some signals: what a port is counted in over their units, ``m/s2/(m/s)/N``."""
     below = (f"({unit})" if "/" in unit or " " in unit else unit for unit in signals if unit != "1")
     return "/".join((port, *below))
+
+
+# ---- What to fly to tell effects apart, where several effects share the advice
+
+MANY_SIZES = "inputs of many sizes (a multisine, or steps of five sizes): on three levels these are one and the same function"
+FASTER_MOTION = "faster motion (short doublets, or a sweep up to the inverse of the lag): a lag loses amplitude there, a delay does not"
+STEADY_FLIGHT = "steady flight before and after the maneuver, and the airspeed recorded"
+ANOTHER_FALL = "a fall that begins higher or faster: it meets the same density at another Mach number"
+BEYOND_PRODUCTS = (
+    "both signals moved far, together and one after the other: as long as a derivative grows evenly with a signal, all that a record shows is the "
+    "product of two signals, whichever of the two derivatives it is"
+)

@@ -23,8 +23,7 @@ from sim.declaration.effect import (
     states_read_by,
 )
 from sim.declaration.model import Equations
-from sim.declaration.proposal import Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Traceable, Traits
 from sim.effects.instances import controls, in_its_unit
 from sim.errors import ModelError
 

@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Station
-from sim.declaration.own_equations import OwnEquations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
-from sim.declaration.traits import Traits
+from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.proposal import Probe, SearchContext, Traits
+from sim.declaration.user_equations import OwnEquations
 from sim.effects.instances import labelled
-from sim.effects.onset import WIDTH, edge_width, risen
+from sim.effects.timing import WIDTH, edge_width, risen
 
 USUAL, LARGEST = 0.3, 10.0  # changes, as shares of the declared value
 

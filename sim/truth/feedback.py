@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from sim.declaration.model import Model, System
 from sim.errors import ModelError
-from sim.maneuvers.steps import Maneuver, Sum
-from sim.propagation.integrate import Step, rk4_step
+from sim.maneuvers import Maneuver, Sum
+from sim.propagation import Step, rk4_step
 from sim.record import Channel, Hold, Record
 from sim.truth.flight import Distance, Truth
-from sim.truth.noise import white_noise
+from sim.truth.measurement import white_noise
 
 Gains = Mapping[str, Mapping[str, float]]
 

@@ -1,4 +1,4 @@
-"""The truth generator: fly a model through maneuvers, and measure what it does.
+"""The truth generator: flies a model through maneuvers, with random forcing where declared, and measures it.
 
 ``fly`` returns what a test engineer would hand over, the Record, and apart from it the Truth that
 only a study may open. The motion is exact to a tolerance far below any sensor's noise, or goes in steps finer than an
@@ -15,18 +15,152 @@ from typing import Any
 import numpy as np
 
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model
-from sim.declaration.parameters import ParameterSet
-from sim.declaration.system import System
+from sim.declaration.effect import ParameterSet
+from sim.declaration.model import Model, System
 from sim.errors import ModelError
-from sim.maneuvers.steps import Maneuver, Sum
-from sim.propagation.grid import Grid, make_grid
-from sim.propagation.integrate import Step, outputs_at_samples, propagate, rk4_step
-from sim.record import Channel, Record
-from sim.truth.driving import drive_from_maneuvers
+from sim.maneuvers import Maneuver, Sum
+from sim.propagation import (
+    Drive,
+    Grid,
+    InputsAt,
+    Step,
+    cell_edges,
+    drive_from_cells,
+    drive_from_means,
+    exact_motion,
+    make_grid,
+    outputs_at_samples,
+    propagate,
+    rk4_step,
+    smooth_motion,
+)
+from sim.record import Channel, Hold, Record
 from sim.truth.measurement import Measurement, measure
-from sim.truth.motion import by_tolerance
-from sim.truth.random_forcing import outputs_with_walks, propagate_with_process_noise
+
+# ---- Propagation under random forcing
+
+
+def propagate_with_process_noise(
+    system: System,
+    p: Sequence[float],
+    drive: Drive,
+    grid: Grid,
+    method: Step,
+    densities: Mapping[str, float],
+    walking: Mapping[str, float],
+    rng: np.random.Generator,
+) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
+    """States at all edges under white forcing, and parameters in random walk; the forcing is additive, so Euler-Maruyama's order is 1."""
+    root = np.sqrt(grid.steps)
+    walks = {key: np.empty(len(grid.edges)) for key in walking}
+    for key, density in walking.items():
+        walks[key][0] = p[system.parameters.index(key)]
+        walks[key][1:] = walks[key][0] + np.cumsum(np.sqrt(density) * root * rng.standard_normal(len(root)))
+    kicks = {system.state_names.index(key): (np.sqrt(value) * root * rng.standard_normal(len(root))).tolist() for key, value in densities.items()}
+    drifting = {system.parameters.index(key): row.tolist() for key, row in walks.items()}
+    x, p = system.initial.values().tolist(), list(p)
+    history = np.empty((len(x), len(grid.edges)))
+    history[:, 0] = x
+    stages = [[row.tolist() for row in stage] for stage in drive.stages]
+    for m, (t, dt) in enumerate(zip(grid.edges[:-1].tolist(), grid.steps.tolist(), strict=True)):
+        for index, walk in drifting.items():
+            p[index] = walk[m]
+        try:
+            x = method(system.f, t, x, ([row[m] for row in stages[0]], [row[m] for row in stages[1]], [row[m] for row in stages[2]]), p, dt)
+        except (OverflowError, ZeroDivisionError):
+            history[:, m + 1 :] = np.inf
+            break
+        for index, kick in kicks.items():
+            x[index] += kick[m]
+        history[:, m + 1] = x
+    return list(history), walks
+
+
+def outputs_with_walks(
+    system: System, p: Sequence[float], states: Sequence[np.ndarray], walks: Mapping[str, np.ndarray], drive: Drive, grid: Grid
+) -> list[np.ndarray]:
+    rows: list[object] = list(p)
+    for key, walk in walks.items():
+        rows[system.parameters.index(key)] = walk
+    shape = grid.edges.shape
+    begin = [np.broadcast_to(y, shape) for y in system.h(grid.edges, states, drive.begin, rows)]
+    if system.sensor_stages:
+        for key, walk in walks.items():
+            rows[system.parameters.index(key)] = walk[1:]
+        end = [np.broadcast_to(y, shape[0] - 1) for y in system.h(grid.edges[1:], [row[1:] for row in states], drive.end, rows)]
+        begin, _ = system.sensor_path(p, begin, end, grid.steps)
+    return [row[grid.sample] for row in begin]
+
+
+# ---- Inputs at the vehicle for maneuvers: every switch at its own time, whatever the grid
+
+
+def drive_from_maneuvers(system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], grid: Grid) -> Drive:
+    """Inputs at the vehicle for one maneuver an input, every switch at its own time."""
+    if system.input_stages:
+        edges = cell_edges(grid)
+        return drive_from_cells(system, p, [maneuver.mean(edges[:-1], edges[1:]) for maneuver in by_input], edges, grid)
+    a, b = grid.edges[:-1], grid.edges[1:]
+    means = [maneuver.mean(a, b) for maneuver in by_input]
+    begin, end = [maneuver(grid.edges) for maneuver in by_input], [maneuver.before(b) for maneuver in by_input]
+    drive = drive_from_means(means, begin, end)
+    # Where the input is smooth within a sub-step its values at the stages keep the integrator's order; elsewhere the mean serves.
+    stages: tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]] = ([], [], [])
+    for maneuver, mean, first, last in zip(by_input, means, begin, end, strict=True):
+        smooth = _without_break(maneuver, a, b)
+        for stage, value in zip(stages, (first[:-1], maneuver(0.5 * (a + b)), last), strict=True):
+            stage.append(np.where(smooth, value, mean))
+    return replace(drive, stages=stages)
+
+
+def _without_break(maneuver: Maneuver, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Which sub-steps hold no switch strictly inside."""
+    if not maneuver.breakpoints:
+        return np.ones(a.shape, dtype=bool)
+    breaks = np.asarray(maneuver.breakpoints)
+    return np.searchsorted(breaks, a, side="right") >= np.searchsorted(breaks, b, side="left")
+
+
+# ---- The motion of a true aircraft to a tolerance
+
+EXACT, SMOOTH = "exact, linear", "LSODA"
+TOLERANCE = 1e-9  # of the motion's size, at the end of a flight
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """States ``(N,)`` each, and by which method they were found: ``EXACT`` or ``SMOOTH``."""
+
+    states: list[np.ndarray]
+    method: str
+
+
+def by_tolerance(system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], time: np.ndarray) -> Motion | None:
+    """Motion at ``time`` (s, ``(N,)``) within ``TOLERANCE``, inputs as the maneuvers give them; None where no method keeps it.
+
+    None too for effects on the input path: they act on means over cells, and so do not leave inputs that are functions of time.
+    """
+    if system.input_stages:
+        return None
+    breaks = Sum(by_input).breakpoints
+    x0 = system.initial.values().tolist()
+    states = exact_motion(system, p, x0, lambda t: [maneuver(t) for maneuver in by_input], breaks, time)
+    if states is not None:
+        return Motion(list(states), EXACT)
+    states = smooth_motion(system, p, x0, lambda begin, end: _between(by_input, begin, end), breaks, time)
+    return None if states is None else Motion(list(states), SMOOTH)
+
+
+def _between(by_input: tuple[Maneuver, ...], begin: float, end: float) -> InputsAt:
+    """Inputs from one break to the next: a held one by its level, others up to the break and not beyond it."""
+    if all(maneuver.hold is Hold.PREVIOUS for maneuver in by_input):
+        held = [float(maneuver(0.5 * (begin + end))) for maneuver in by_input]
+        return lambda t: held
+    last = [float(maneuver.before(end)) for maneuver in by_input]
+    return lambda t: [float(maneuver(t)) for maneuver in by_input] if t < end - 1e-9 else last
+
+
+# ---- The truth generator: fly a model through maneuvers, and measure what it does
 
 
 class Distance(Enum):
@@ -147,7 +281,7 @@ def _recorded_inputs(system: System, by_input: tuple[Maneuver, ...], time: np.nd
 
 
 @dataclass(frozen=True, eq=False)
-class _Flown:
+class _GridStates:
     """States and random walks at the edges of a grid, where the samples are among them, outputs without noise at these, and how it was flown."""
 
     states: Sequence[Any]
@@ -161,7 +295,7 @@ class _Flown:
 
 def _propagated(
     model: Model, system: System, by_input: tuple[Maneuver, ...], time: np.ndarray, step: float, method: Step | None, rng: np.random.Generator
-) -> _Flown:
+) -> _GridStates:
     p = system.parameters.values().tolist()
     densities = {key: value for key, value in zip(system.state_names, system.noise(p)[0], strict=True) if value > 0}
     walking = _walking(model, system)
@@ -171,7 +305,7 @@ def _propagated(
         found = by_tolerance(system, p, by_input, grid.edges)
         if found is not None:
             clean = outputs_at_samples(system, p, found.states, drive_from_maneuvers(system, p, by_input, grid), grid)
-            return _Flown(found.states, {}, grid.sample, clean, {}, None, found.method)
+            return _GridStates(found.states, {}, grid.sample, clean, {}, None, found.method)
     grid, method = make_grid(time, step), method or rk4_step
     drive = drive_from_maneuvers(system, p, by_input, grid)
     if densities or walking:
@@ -181,7 +315,7 @@ def _propagated(
     refuse_divergence(model, grid, states)
     clean = outputs_with_walks(system, p, states, walks, drive, grid) if walks else outputs_at_samples(system, p, states, drive, grid)
     named = getattr(method, "__name__", type(method).__name__)
-    return _Flown(states, walks, grid.sample, clean, {**densities, **walking}, float(grid.steps.max()), named)
+    return _GridStates(states, walks, grid.sample, clean, {**densities, **walking}, float(grid.steps.max()), named)
 
 
 def remeasure(record: Record, truth: Truth, rng: np.random.Generator, measurement: Measurement | None = None) -> Record:

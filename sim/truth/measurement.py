@@ -1,7 +1,8 @@
-"""How outputs become recorded samples: noise, quantisation, losses."""
+"""Recorded samples from outputs: noise, quantisation, losses; and the random series that they draw."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -9,8 +10,87 @@ from types import MappingProxyType
 import numpy as np
 
 from sim.errors import ModelError
+from sim.maths import linear_recurrence
 from sim.record import Channel
-from sim.truth.noise import coloured_noise, white_noise
+
+# ---- Random time series
+
+
+def white_noise(rng: np.random.Generator, count: int, std: float) -> np.ndarray:
+    """Independent Gaussian numbers of standard deviation ``std``, shape ``(count,)``."""
+    _not_negative("standard deviation", std)
+    return std * rng.standard_normal(count)
+
+
+def coloured_noise(rng: np.random.Generator, time: np.ndarray, std: float, correlation_time: float) -> np.ndarray:
+    """A stationary first-order Gauss-Markov process at ``time (N,)``, s, which may be uneven.
+
+    n_dot = -n / T + sqrt(2 / T) std w, discretised exactly: autocovariance std^2 exp(-|lag| / T) at any
+    sampling. ``correlation_time`` T in s. Returns ``(N,)`` in the unit of ``std``.
+    """
+    _not_negative("standard deviation", std)
+    _positive("correlation time", correlation_time)
+    draws = rng.standard_normal(len(time))
+    gaps = np.diff(time) / correlation_time
+    forcing = std * np.sqrt(-np.expm1(-2.0 * gaps)) * draws[1:]
+    return linear_recurrence(np.exp(-gaps), forcing, std * float(draws[0]))
+
+
+def dryden_gust(rng: np.random.Generator, time: np.ndarray, intensity: float, scale_length: float, airspeed: float) -> np.ndarray:
+    """Vertical Dryden gust velocity at ``time (N,)``, s, from a stationary start; uneven sampling allowed.
+
+    Phi(Omega) = intensity^2 (L / pi) (1 + 3 (L Omega)^2) / (1 + (L Omega)^2)^2 over Omega >= 0 in rad/m
+    (MIL-F-8785C, section 3.7.1.2), Omega = omega / airspeed. Discretised exactly as the two-state filter
+    intensity / sqrt(lam) (1 + sqrt(3) s / lam) / (1 + s / lam)^2, lam = airspeed / L, driven by unit white noise.
+
+    Parameters
+    ----------
+    intensity : standard deviation, m/s.
+    scale_length : L, m (530 m above 530 m of height in that specification).
+    airspeed : m/s.
+
+    Returns
+    -------
+    ``(N,)`` m/s; its sign is that of the axis chosen, the process is symmetric.
+    """
+    from scipy.special import gammainc
+
+    _not_negative("intensity", intensity)
+    _positive("scale length", scale_length)
+    _positive("airspeed", airspeed)
+    d = np.diff(time) * airspeed / scale_length
+    decay = np.exp(-d)
+    # Covariance of the increments of (x, x'/lam) over d = lam dt; incomplete gammas keep it exact for small d.
+    g1, g2, g3 = 0.5 * gammainc(1, 2.0 * d), 0.25 * gammainc(2, 2.0 * d), 0.25 * gammainc(3, 2.0 * d)
+    q11, q12, q22 = g3, 0.5 * (d * decay) ** 2, g1 - 2.0 * g2 + g3
+    l22 = np.sqrt(q22)
+    l12 = q12 / l22
+    l11 = np.sqrt(np.maximum(q11 - l12**2, 0.0))
+    draws = rng.standard_normal((2, len(time)))
+    first, second = 0.5 * draws[0, 0], 0.5 * draws[1, 0]
+    gust = np.empty(len(time))
+    gust[0] = first + math.sqrt(3.0) * second
+    kicks = zip((l11 * draws[0, 1:] + l12 * draws[1, 1:]).tolist(), (l22 * draws[1, 1:]).tolist(), d.tolist(), decay.tolist(), strict=True)
+    for k, (kick1, kick2, lag, fade) in enumerate(kicks, start=1):
+        first, second = (
+            fade * ((1.0 + lag) * first + lag * second) + kick1,
+            fade * (-lag * first + (1.0 - lag) * second) + kick2,
+        )
+        gust[k] = first + math.sqrt(3.0) * second
+    return intensity * gust
+
+
+def _not_negative(what: str, value: float) -> None:
+    if not (value >= 0 and math.isfinite(value)):
+        raise ModelError(f"{what} {value} is negative or not finite", where="noise", remedy="give zero or a positive number")
+
+
+def _positive(what: str, value: float) -> None:
+    if not (value > 0 and math.isfinite(value)):
+        raise ModelError(f"{what} {value} is not positive", where="noise", remedy="give a positive number")
+
+
+# ---- How outputs become recorded samples: noise, quantisation, losses
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 

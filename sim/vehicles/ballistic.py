@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
-from sim.maths.elementary import absolute, exp
+from sim.maths import absolute, exp
 
 
 @dataclass(frozen=True)

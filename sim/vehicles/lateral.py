@@ -15,8 +15,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
-from sim.maths.constants import G0
-from sim.maths.elementary import cos, plus, sin
+from sim.maths import G0, cos, plus, sin
 from sim.vehicles.signals import AIRSPEED_CHANGE
 
 AXES = ("CY", "Cl", "Cn")

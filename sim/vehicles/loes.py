@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
-from sim.maths.elementary import plus, times
+from sim.maths import plus, times
 from sim.vehicles.signals import AIRSPEED_CHANGE, GUST, SHORT_PERIOD_OUTPUTS
 
 

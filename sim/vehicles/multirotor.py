@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 from sim.declaration.effect import Effect, Signal
 from sim.effects.input_path.actuator_lag import ActuatorLag
 from sim.effects.input_path.input_delay import InputDelay
-from sim.maths.elementary import plus
+from sim.maths import plus
 
 COMMANDS = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
 LAG, DELAY = "motor_time_constant", "delay"

@@ -13,8 +13,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
-from sim.maths.constants import G0
-from sim.maths.elementary import plus
+from sim.maths import G0, plus
 from sim.vehicles.signals import AIRSPEED_CHANGE, GUST, SHORT_PERIOD_OUTPUTS
 
 

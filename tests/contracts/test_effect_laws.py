@@ -13,11 +13,10 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import SearchContext, Traceable
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.sensor_path.sensor_curve import SensorCurve
-from sim.maths.elementary import COMPLEX_STEP
-from sim.propagation.grid import drive_from_record, make_grid
-from sim.propagation.integrate import outputs_at_samples, rk4_step
+from sim.maths import COMPLEX_STEP
+from sim.propagation import drive_from_record, make_grid, outputs_at_samples, rk4_step
 from sim.record import Hold
-from sim.truth.random_forcing import propagate_with_process_noise
+from sim.truth.flight import propagate_with_process_noise
 from tests.bases import Flight, base_for, fly, fly_model
 from tests.effect_cases import CASES, HOLDS, absent, every_case, typical
 

@@ -9,8 +9,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 
 import sim.effects.input_path
-from sim.declaration.proposal import Traceable
-from sim.declaration.traits import GUARD
+from sim.declaration.proposal import GUARD, Traceable
 from sim.effects.library import applies, effect_modules, effect_names, effects_for, find_effect, library
 from sim.errors import ModelError
 from sim.vehicles.ballistic import Ballistic

@@ -10,7 +10,7 @@ import pytest
 
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Anticipating, Effect, InputEffect, OnlineForm, SensorEffect, full_name
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
 from tests.bases import Flight, base_for, fly, fly_model
 from tests.effect_cases import CASES, absent, typical

@@ -11,8 +11,7 @@ from typing import Any
 
 import pytest
 
-from sim.vehicles.data import Number, Origin
-from sim.vehicles.library import read_parameter_set
+from sim.vehicles.library import Number, Origin, read_parameter_set
 from tests.oracles.printed_values import STARTS, TABLES, TRUE, declared, printed, true_values
 
 ROOT = Path(__file__).parents[2]

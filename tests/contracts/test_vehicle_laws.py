@@ -12,12 +12,9 @@ import pytest
 
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.maths.constants import G0
-from sim.maths.elementary import complex_step_jacobian
-from sim.vehicles.data import Origin, VehicleData
-from sim.vehicles.factory import WHOLE_AXES, model_of
-from sim.vehicles.library import read_parameter_set, vehicle_names
-from sim.vehicles.linear import linearise
+from sim.maths import G0, complex_step_jacobian
+from sim.vehicles.factory import WHOLE_AXES, linearise, model_of
+from sim.vehicles.library import Origin, VehicleData, read_parameter_set, vehicle_names
 
 NAMES = vehicle_names()
 # Data files of another format, with readers and tests of their own.

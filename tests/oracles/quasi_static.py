@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from sim.vehicles.data import VehicleData
-from sim.vehicles.flexibility.degree import _error, _pair
+from sim.vehicles.flexibility import _error, _pair
+from sim.vehicles.library import VehicleData
 
 
 def quasi_static_error(data: VehicleData, omega: float, modes: int | None = None) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sim.closed_loop.reader import DATA_FILE, _document, _origin
+from sim.closed_loop.airframe import DATA_FILE, _document, _origin
 
 
 def x29_origins(path: Path = DATA_FILE) -> dict[str, tuple[str, str]]:

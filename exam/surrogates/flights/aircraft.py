@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from sim.declaration.effect import Signal
-from sim.maths.elementary import cos
+from sim.maths import cos
 from sim.vehicles.short_period import ShortPeriod
 
 BASE = ShortPeriod()

@@ -15,15 +15,13 @@ from exam.surrogates.axes import AXES, Axis
 from exam.surrogates.declaration import MEASURED, OPTIONAL, Causes, Surrogate
 from exam.surrogates.flights.aircraft import LongitudinalFlight
 from exam.surrogates.flights.maneuvers import Table, maneuver
-from sim.declaration.effect import Effect, full_name
+from sim.declaration.effect import Effect, Parameter, ParameterSet, full_name
 from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import Parameter, ParameterSet
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.guards.lagged_loads import LaggedLoads
-from sim.maths.constants import G0
-from sim.vehicles.factory import RIGID_CONSTANTS, RIGID_DERIVATIVES, model_from_constants
+from sim.maths import G0
+from sim.vehicles.factory import RIGID_CONSTANTS, RIGID_DERIVATIVES, linearise, model_from_constants
 from sim.vehicles.library import read_parameter_set
-from sim.vehicles.linear import linearise
 
 ELEVATOR, SPEED = "elevator", "speed-variation"
 LATE = LaggedLoads(("1/rad", "1/rad"), (0.0, 0.0), ("Cm_alpha",))  # that guard's equations are those of the downwash

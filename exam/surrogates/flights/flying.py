@@ -17,12 +17,11 @@ from exam.surrogates.flights.many_flights import fly_side_by_side
 from exam.surrogates.flights.recorder import recorded
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
-from sim.maneuvers.steps import Maneuver
-from sim.propagation.integrate import rk4_step
+from sim.maneuvers import Maneuver
+from sim.propagation import rk4_step
 from sim.record import Channel, Hold, Record
 from sim.truth.flight import fly, sample_times
-from sim.truth.measurement import Measurement
-from sim.truth.noise import dryden_gust, white_noise
+from sim.truth.measurement import Measurement, dryden_gust, white_noise
 
 SCATTERED = ("mass", "pitch_inertia", "airspeed", "air_density", "trim_alpha")
 TOGETHER = 250  # records flown at once: more of them do not pay, and want memory

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from exam.surrogates.flights.drawing import SPEED, Drawn, short_period
-from sim.maths.splines import shape_names
+from sim.maths import shape_names
 
 # Local values at a size of one, the largest that is drawn; the effect vanishes as the size does.
 Direction = Mapping[str, float]

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from sim.errors import DeclarationError
-from sim.maneuvers.multisine import schroeder_multisine
-from sim.maneuvers.steps import Maneuver, Sum, alternating, doublet, three_two_one_one
+from sim.maneuvers import Maneuver, Sum, alternating, doublet, schroeder_multisine, three_two_one_one
 from sim.record import Hold
 
 CELL = 0.005  # s, of the table
@@ -76,7 +75,7 @@ def maneuver(kind: str, rng: np.random.Generator, amplitude: float, unit: float,
 
 def carried_out(commanded: Maneuver, surface: float, duration: float) -> Table:
     """What a well damped servo of frequency ``surface`` makes of a command: two equal lags."""
-    from sim.maths.elementary import linear_recurrence
+    from sim.maths import linear_recurrence
 
     edges = CELL * np.arange(math.ceil(duration / CELL) + 2)
     u = commanded.mean(edges[:-1], edges[1:])

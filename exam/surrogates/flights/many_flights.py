@@ -10,14 +10,11 @@ import numpy as np
 
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import InputEffect
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from sim.declaration.model import Model, System
 from sim.errors import ModelError
-from sim.maneuvers.steps import Maneuver, Sum
-from sim.propagation.grid import Drive, Grid, make_grid
-from sim.propagation.integrate import Step, outputs_at_samples, propagate, rk4_step
-from sim.truth.driving import drive_from_maneuvers
-from sim.truth.flight import refuse_divergence
+from sim.maneuvers import Maneuver, Sum
+from sim.propagation import Drive, Grid, Step, make_grid, outputs_at_samples, propagate, rk4_step
+from sim.truth.flight import drive_from_maneuvers, refuse_divergence
 
 
 def fly_side_by_side(

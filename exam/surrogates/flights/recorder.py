@@ -9,7 +9,7 @@ import numpy as np
 from exam.hidden_terms.anti_alias_filter import AntiAliasFilter
 from exam.surrogates.flights.drawing import Drawn
 from exam.surrogates.flights.maneuvers import Table
-from sim.propagation.grid import make_grid
+from sim.propagation import make_grid
 
 
 @dataclass(frozen=True)

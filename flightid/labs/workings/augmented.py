@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ident.flying_qualities.handling_qualities import Level, Quality
     from scenarios.identification.result import Identification
     from scenarios.x29.flying import Flown
-    from sim.closed_loop.equivalent import EquivalentSystem
+    from sim.closed_loop.linear import EquivalentSystem
 
 SCENARIO = "x29-flight"
 AIRFRAMES = {"F, flight-like": "F", "S, simulation-like": "S"}
@@ -63,7 +63,7 @@ def study(asked: tuple[str, ...], seed: int = 1) -> Augmented:
     from ident.flying_qualities.handling_qualities import levels, qualities
     from scenarios.x29.flying import fly_loop
     from scenarios.x29.study import loop_scenario
-    from sim.closed_loop.equivalent import equivalent_system
+    from sim.closed_loop.linear import equivalent_system
 
     flown = fly_loop(loop_scenario(SCENARIO, asked).flight, seed)
     found = _identified(flown)
@@ -105,8 +105,7 @@ def doubling_time(flown: Flown) -> float:
 
 def responses(each: Augmented, omega: np.ndarray) -> dict[str, np.ndarray]:
     """Pitch rate per stick (rad/s per inch), complex ``(n,)`` at frequencies (rad/s): the whole loop, and the equivalent system from the record."""
-    from sim.closed_loop.equivalent import equivalent_response
-    from sim.closed_loop.linear import frequency_response
+    from sim.closed_loop.linear import equivalent_response, frequency_response
 
     values, airframe = each.found.estimate.as_dict(), each.flown.x29.airframe
     low = equivalent_response(values, omega, airframe.airspeed, airframe.gravity, values["L_q"])

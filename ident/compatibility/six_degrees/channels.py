@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.compatibility.signals import EDGE, Signals, isolated
 from sim.errors import RecordError
-from sim.maths.constants import G0
+from sim.maths import G0
 from sim.record import Record
 
 HEIGHTS = ("height", "altitude")

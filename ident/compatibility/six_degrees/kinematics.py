@@ -26,7 +26,7 @@ from ident.compatibility.faults import ARM, BELOW, BIAS, BOOM, PACKAGE, RIGHT, S
 from ident.compatibility.kinematics import Values, increments, middle, samples, shown, summed
 from ident.compatibility.signals import Signals
 from ident.compatibility.six_degrees.channels import load_on
-from sim.maths.constants import G0
+from sim.maths import G0
 
 _TO_BODY = {"nx": G0, "ny": G0, "nz": -G0}
 

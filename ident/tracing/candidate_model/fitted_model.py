@@ -17,9 +17,8 @@ from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
 from ident.whole_record.unstable_motion import fit_projected, projectable
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name
-from sim.declaration.model import Model
+from sim.declaration.model import Model, System
 from sim.declaration.proposal import Traceable, Underdetermined
-from sim.declaration.system import System
 from sim.record import Record
 
 

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from sim.declaration.effect import full_name
-from sim.declaration.parameters import Parameter
+from sim.declaration.effect import Parameter, full_name
 from sim.declaration.proposal import SearchContext, Traceable
 
 DECLARED = 0.3  # one sigma of a derivative of the vehicle file, as a share of it

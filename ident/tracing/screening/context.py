@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from sim.declaration.parameters import AIRSPEEDS
+from sim.declaration.effect import AIRSPEEDS
 from sim.declaration.proposal import SearchContext
 from sim.record import Record
 

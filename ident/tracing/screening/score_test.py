@@ -23,8 +23,8 @@ from ident.tracing.screening.prominence import prominent_peaks
 from ident.whole_record.layout import FitLayout
 from ident.whole_record.record_problem import RecordProblem, record_problem
 from sim.declaration.effect import Station, full_name
+from sim.declaration.model import System
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
-from sim.declaration.system import System
 from sim.errors import ModelError
 
 Start = tuple[float, Mapping[str, float], Weighed]

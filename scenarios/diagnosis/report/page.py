@@ -26,7 +26,7 @@ from scenarios.pages.reproduction import reproduction
 from scenarios.pages.tables import p_value
 from scenarios.plots.page.named import Drawn
 from scenarios.preparation.record_words import record_table
-from sim.declaration.traits import GUARD
+from sim.declaration.proposal import GUARD
 
 TONES = {
     Verdict.CONSISTENT: "good",

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sim.errors import RecordError
-from sim.maths.constants import G0
+from sim.maths import G0
 
 LONGEST = 500  # characters
 DEEPEST = 40

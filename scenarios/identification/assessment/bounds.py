@@ -11,8 +11,7 @@ from ident.estimate import Estimate, Outcome
 from ident.statistics.information import variance_along
 from scenarios.files.constraints import side_at
 from scenarios.studies.rows import Row
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from sim.declaration.model import Model, System
 
 
 @dataclass(frozen=True)

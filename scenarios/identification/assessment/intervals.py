@@ -9,7 +9,7 @@ from ident.estimate import Estimate, Outcome
 from ident.statistics.profile import ProfileInterval
 from ident.whole_record.layout import FitSettings, lay_out
 from scenarios.files.declarations import closest
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import DeclarationError
 from sim.record import Record
 

@@ -16,7 +16,7 @@ from ident.whole_record.gauss_newton import fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
 from scenarios.identification.wild_points import same_points, wild_points, without
 from scenarios.preparation.gaps import Parted, parts_of, put_together
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.record import Record
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from ident.tracing.diagnosis import Trained
 from ident.whole_record.layout import FitSettings
-from sim.declaration.system import System
+from sim.declaration.model import System
 
 
 def trained_by(system: System, values: Mapping[str, float], settings: FitSettings) -> Trained:

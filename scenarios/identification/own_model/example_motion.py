@@ -9,10 +9,9 @@ import numpy as np
 from scenarios.files.own_models import inputs_at_rest
 from scenarios.preparation.vehicle_model import root_sizes
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model
-from sim.declaration.system import System
-from sim.maths.elementary import COMPLEX_STEP, complex_step_jacobian
-from sim.propagation.integrate import rk4_step
+from sim.declaration.model import Model, System
+from sim.maths import COMPLEX_STEP, complex_step_jacobian
+from sim.propagation import rk4_step
 
 ANGLE = 0.05  # rad, of a doublet on an angle; one unit at most on any other input
 MODEST = 0.02  # of a state's value at the start, by which a pulse may move it: a tank must not run dry

@@ -12,9 +12,8 @@ from scenarios.files.own_models import inputs_at_rest
 from scenarios.files.units import is_unit
 from scenarios.identification.own_model.example_motion import Motion, doublet_motion
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model
-from sim.declaration.system import System
-from sim.maths.elementary import complex_step_jacobian
+from sim.declaration.model import Model, System
+from sim.maths import complex_step_jacobian
 
 SHAPE = (3, 5)
 ASIDE = 0.01  # of a value, or of one: how far the points are apart at which functions are compared

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ident.tracing.diagnosis import Candidate
-from sim.declaration.traits import GUARD
+from sim.declaration.proposal import GUARD
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ from scenarios.studies.sweep.text import print_sweep
 from scenarios.studies.text import study_summary, with_display
 from scenarios.terminal.flying_qualities import levels_line
 from scenarios.terminal.numbers import test_line
-from sim.truth.flight import Truth
-from sim.truth.motion import EXACT, TOLERANCE
+from sim.truth.flight import EXACT, TOLERANCE, Truth
 
 SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 LIMIT = 2.0  # sigmas within which an estimate is said to hold the truth

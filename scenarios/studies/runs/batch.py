@@ -12,8 +12,7 @@ from ident.banks.bank import BankEstimate, run_bank
 from ident.filters.ekf import SETTLED
 from scenarios.studies.declaration import Estimation
 from scenarios.studies.estimating import compiled, estimate_record, filter_settings
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from sim.declaration.model import Model, System
 from sim.record import Record
 
 LANES = 8  # runs, of which a batch has a multiple: linear algebra adds up a single column in another order

@@ -10,8 +10,8 @@ from scenarios.files.own_models import OwnModel, is_model_file, read_own_model
 from scenarios.files.vehicles import MODELS, with_priors
 from scenarios.studies.declaration import Estimation, Start
 from scenarios.studies.scenario_file.quantities import Quantity, si
+from sim.declaration.effect import ParameterSet
 from sim.declaration.model import Biased, Model, Noise
-from sim.declaration.parameters import ParameterSet
 from sim.errors import DeclarationError, ModelError
 
 WIDEST = 1.0  # of a state at the start where its file gives zero, in the state's unit

@@ -6,7 +6,7 @@ Two say when a record shows the structure, one when the structure spoils what a 
 - likelihood: the Bayesian information criterion (Schwarz 1978) prefers the rigid model with one elastic mode to the rigid one,
   2 (ln L_mode - ln L_rigid) > k ln n. A model with s states that moves alpha and q from one input shows 3 s numbers, whatever
   parameters it is written in, and has s initial states: k = 8 for two more states.
-- misfit: what no rigid model explains is larger than the noise in rms (`sim.vehicles.flexibility.degree`).
+- misfit: what no rigid model explains is larger than the noise in rms (`sim.vehicles.flexibility`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenarios.studies.sweep.sweep import SweepPoint, SweptMethod
-from sim.vehicles.flexibility.degree import LARGEST_MISFIT
+from sim.vehicles.flexibility import LARGEST_MISFIT
 
 WHITE = 1e-3  # smallest probability of a white residual: that of `ident.statistics.residuals`
 NUMBERS_PER_STATE = 3 + 1  # one for each coefficient of the denominator and of two numerators, one initial state

@@ -17,8 +17,7 @@ from scenarios.studies.flying import flown_vehicle, fly_scenario
 from scenarios.studies.published import published_values
 from sim.declaration.model import Model
 from sim.record import Record
-from sim.vehicles.flexibility.degree import Flexibility, flexibility
-from sim.vehicles.flexibility.partial_condensation import condense_above
+from sim.vehicles.flexibility import Flexibility, condense_above, flexibility
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from scenarios.trials.jsbsim.declaration import CONTROLS, JsbsimFlight
-from sim.maneuvers.multisine import orthogonal_multisines
-from sim.maneuvers.steps import Maneuver, Sum, doublet, three_two_one_one
+from sim.maneuvers import Maneuver, Sum, doublet, orthogonal_multisines, three_two_one_one
 
 HAND = 0.15  # s that a hand takes from one level to the next
 QUIET = 2.0  # s before anything moves

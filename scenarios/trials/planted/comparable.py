@@ -35,9 +35,8 @@ from scenarios.trials.planted.flights import FlownTrace, fly_loop, loop_of, with
 from scenarios.trials.planted.hiding import CLOSED_LOOP
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import DynamicsEffect, full_name
-from sim.declaration.model import Model
-from sim.declaration.system import System
-from sim.maths.elementary import complex_step_jacobian
+from sim.declaration.model import Model, System
+from sim.maths import complex_step_jacobian
 from sim.record import Record
 
 _NONE: Mapping[str, float] = MappingProxyType({})

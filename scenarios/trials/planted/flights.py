@@ -14,11 +14,11 @@ from scenarios.studies.flying import held_alike, maneuvers_by_input, resting
 from scenarios.trials.planted.declaration import RecordPlan, TraceFlight, TraceScenario
 from scenarios.trials.planted.hiding import CLOSED_LOOP, true_vehicle, with_breakout, with_hidden
 from sim.closed_loop.airframe import X29
-from sim.closed_loop.equivalent import EquivalentSystem
+from sim.closed_loop.linear import EquivalentSystem
+from sim.declaration.effect import Parameter
 from sim.declaration.model import Model
-from sim.declaration.parameters import Parameter
 from sim.errors import DeclarationError
-from sim.maneuvers.steps import Sum
+from sim.maneuvers import Sum
 from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import FAMILIES, LOES_CONSTANTS, MODE_CONSTANTS, RIGID_CONSTANTS
@@ -152,14 +152,14 @@ def fly_loop(
 
 def loop_of(scenario: TraceScenario) -> X29:
     """The closed loop that a scenario flies, without the hidden break-out."""
-    from sim.closed_loop.reader import load_x29
+    from sim.closed_loop.airframe import load_x29
 
     return load_x29(scenario.flight.vehicle.removeprefix(CLOSED_LOOP))
 
 
 def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
     """The equivalent system of the linear loop, with the airframe's own L_q: no loop changes the lift equation."""
-    from sim.closed_loop.equivalent import equivalent_system
+    from sim.closed_loop.linear import equivalent_system
 
     plain = loop_of(scenario)
     return equivalent_system(plain, L_q=plain.airframe.L_q)

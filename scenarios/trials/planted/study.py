@@ -28,7 +28,7 @@ from scenarios.trials.planted.comparable import (
 from scenarios.trials.planted.declaration import Expectation, TraceScenario
 from scenarios.trials.planted.flights import FlownTrace, equivalent_of, fly_trace, write_flown
 from scenarios.trials.planted.hiding import CLOSED_LOOP, true_vehicle
-from sim.vehicles.flexibility.static_condensation import condense
+from sim.vehicles.flexibility import condense
 
 
 class Grade(Enum):

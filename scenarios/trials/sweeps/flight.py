@@ -8,10 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from scenarios.trials.sweeps.declaration import RollLoop, SweepScenario
+from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import LoopNoise, loop_test, open_loop
-from sim.closed_loop.reader import load_x29
 from sim.errors import DeclarationError
-from sim.maneuvers.sweep import Spacing, Sweep
+from sim.maneuvers import Spacing, Sweep
 from sim.record import Channel, Hold, Record
 
 TAPER = 0.02  # of the duration, at both ends of the sweep

@@ -13,9 +13,8 @@ import numpy as np
 
 from scenarios.x29.published import printed_column
 from sim.closed_loop.airframe import X29
-from sim.closed_loop.equivalent import EquivalentSystem, fit_equivalent
-from sim.closed_loop.late_command import late_loop
-from sim.closed_loop.linear import Margins, loop_margins
+from sim.closed_loop.equations import late_loop
+from sim.closed_loop.linear import EquivalentSystem, Margins, fit_equivalent, loop_margins
 
 MATCHED = ("L_alpha", "M_alpha", "M_q", "M_delta", "inv_tau")
 PLAUSIBLE = 11.07  # sum of squared deviations that five values exceed once in twenty (chi-square)

@@ -15,9 +15,8 @@ import numpy as np
 from scenarios.x29.declaration import MarginPlan
 from scenarios.x29.loop.matching import Beginning, Matched, Target, beginning, beginning_at, match, targets
 from scenarios.x29.loop.open_values import OPEN, flown_loop, hypercube, simulated_loop, values_at
-from sim.closed_loop.airframe import X29
+from sim.closed_loop.airframe import X29, load_x29
 from sim.closed_loop.linear import Margins, margins
-from sim.closed_loop.reader import load_x29
 
 AIRFRAMES, EVERYTHING = "airframes alone", "everything open"  # which of a point's values act
 ROWS_A_VALUE = 3  # points for each open value below which no straight line is drawn through them

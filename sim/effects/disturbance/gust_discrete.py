@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
-from sim.effects.gust_course import PLAUSIBLE, calm_air, gust_parameters, gust_probes, gust_speed
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.airflow import PLAUSIBLE, calm_air, gust_parameters, gust_probes, gust_speed
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
-from sim.effects.separating import STEADY_FLIGHT
-from sim.effects.trim_lift import weight_lift
-from sim.maths.constants import G0
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.instances import STEADY_FLIGHT
+from sim.effects.loads import weight_lift
+from sim.maths import G0
 
 SPEED, ATTITUDE = "phugoid_speed", "phugoid_attitude"
 STEEPEST = 0.35  # rad, of a flight path that perturbations about level flight still describe

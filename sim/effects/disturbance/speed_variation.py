@@ -7,19 +7,17 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
-from sim.effects.separating import STEADY_FLIGHT
-from sim.effects.trim_lift import weight_lift
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.instances import STEADY_FLIGHT
+from sim.effects.loads import weight_lift
 
 
 @dataclass(frozen=True)
 class SpeedVariation:
     """V(t) = V + ``rate`` (t - begin), V the declared airspeed, ``rate`` in m/s2, ``begin`` the time at which V holds, s.
 
-    Pressure and non-dimensional rates follow, and with ``weight`` the lift that carries the weight (`sim.effects.trim_lift`): surfaces
+    Pressure and non-dimensional rates follow, and with ``weight`` the lift that carries the weight (`sim.effects.loads`): surfaces
     and attitude stay where they trimmed the aircraft at V. Without, it is trimmed anew at every speed, by what no channel shows, and only
     the perturbations change. On the low-order equivalent system the derivatives scale as those of an aircraft at constant
     coefficients: L_alpha, L_delta, M_q with V, M_alpha and M_delta with V^2.

@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import labelled, load_ports
 from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
-from sim.effects.onset import WIDTH, edge_width, risen
+from sim.effects.timing import WIDTH, edge_width, risen
 
 _USUAL_LOAD = {"1": 0.005, "1/s": 0.01, "rad/s": 0.01, "1/s2": 0.1, "rad/s2": 0.1}
 DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries

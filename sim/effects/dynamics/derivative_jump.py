@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station, constants_needed, ports_needed
+from sim.declaration.effect import Parameter, Regularity, Signal, Station, constants_needed, ports_needed
 from sim.declaration.model import Equations
-from sim.declaration.own_equations import OwnEquations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.declaration.user_equations import OwnEquations
 from sim.effects.instances import labelled
-from sim.effects.onset import WIDTH, edge_width, risen
 from sim.effects.parameter_jump import jumps_of
+from sim.effects.timing import WIDTH, edge_width, risen
 
 OF_PITCH = (
     "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a store moves the centre of gravity, a flap "

@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
-from sim.effects.onset import SLOW_WIDTH, edge_width, risen
-from sim.effects.separating import ANOTHER_FALL
-from sim.maths.elementary import log
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.instances import ANOTHER_FALL
+from sim.effects.timing import SLOW_WIDTH, edge_width, risen
+from sim.maths import log
 
 
 @dataclass(frozen=True)

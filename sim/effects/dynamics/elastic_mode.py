@@ -8,10 +8,8 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import RESOLVED, Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import RESOLVED, Probe, SearchContext, Traceable, Traits
 from sim.errors import ModelError
 
 DAMPING = 0.03  # where a search begins: structures are damped by one to five per cent

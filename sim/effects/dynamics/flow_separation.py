@@ -8,12 +8,9 @@ from itertools import product
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
-from sim.maths.constants import G0
-from sim.maths.elementary import clip, exp, real, sqrt, where
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.maths import G0, clip, exp, real, sqrt, where
 
 ATTACHED = -20.0  # of a1 (alpha - alpha_star), where the separated share is below rounding: there it is set to none at all
 LEAST_ATTACHED = 1e-4  # share of the chord. The root of it has no slope at none; lift then is within 2 per cent of that of a free stream

@@ -11,8 +11,7 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
+from sim.declaration.effect import Effect, Parameter, Regularity, Signal, Station
 from sim.errors import ModelError
 
 _OWN = 10  # parameters of a mode before its couplings to modes

@@ -6,12 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
-from sim.maths.elementary import absolute
+from sim.maths import absolute
 
 WIDTHS = (0.005, 0.02, 0.06)  # rad, that a search tries: from friction to the whole of a maneuver
 

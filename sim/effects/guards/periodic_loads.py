@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
-from sim.declaration.own_equations import OwnEquations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.declaration.user_equations import OwnEquations
 from sim.effects.instances import labelled, ports_without
 from sim.effects.loads import LOADS
-from sim.maths.elementary import cos, once_for_alike
+from sim.maths import cos, once_for_alike
 
 SPACING = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
 FASTEST = 60.0  # rad/s

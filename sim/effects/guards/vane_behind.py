@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
-from sim.effects.vane import at_arm
+from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.airflow import at_arm
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
 from sim.effects.instances import all_labelled, further_inputs, has_size, labelled
-from sim.maths.elementary import each_column, linear_recurrence, real, where
+from sim.maths import each_column, linear_recurrence, real, where
 
 SLOWEST = 5.0  # s, of what is no surface: an engine, a valve
 

@@ -9,13 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Regularity, Station
+from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable, shares_of_peak
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, shares_of_peak
 from sim.effects.instances import all_labelled, further_inputs, has_size, labelled, large_input
-from sim.maths.elementary import absolute, each_column, maximum
+from sim.maths import absolute, each_column, maximum
 
 UNLIMITED = 1e9
 PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)  # peaks of the input run through in a second: from hardly felt to always behind

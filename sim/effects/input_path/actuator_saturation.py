@@ -7,14 +7,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable, shares_of_peak
-from sim.declaration.traits import Traits
-from sim.effects.instances import all_labelled, further_inputs, has_size, labelled, large_input
-from sim.effects.separating import MANY_SIZES
-from sim.maths.elementary import clip, each_column
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, shares_of_peak
+from sim.effects.instances import MANY_SIZES, all_labelled, further_inputs, has_size, labelled, large_input
+from sim.maths import clip, each_column
 
 UNLIMITED = 1e9
 

@@ -9,13 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import all_labelled, further_inputs, has_size, labelled
-from sim.maths.elementary import each_column, exp, real, sqrt, where
+from sim.maths import each_column, exp, real, sqrt, where
 
 UNLIMITED = 1e9
 MOST_DAMPED = 3.0  # its slower pole is then 34 times slower than the other: a lag to any record, and a fit need not run on to infinity

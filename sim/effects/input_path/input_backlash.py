@@ -8,14 +8,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Regularity, Station
+from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
-from sim.effects.half_width import ABSENT, believed, half_width, tried
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.controls import ABSENT, believed, half_width, tried
 from sim.effects.instances import further_inputs, has_size, labelled, large_input
-from sim.maths.elementary import each_column, maximum, minimum
+from sim.maths import each_column, maximum, minimum
 
 
 @dataclass(frozen=True)

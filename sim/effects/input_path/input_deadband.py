@@ -6,15 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
-from sim.effects.half_width import ABSENT, believed, half_width, tried
-from sim.effects.instances import all_labelled, further_inputs, has_size, labelled, large_input
-from sim.effects.separating import MANY_SIZES
-from sim.maths.elementary import clip, each_column
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.controls import ABSENT, believed, half_width, tried
+from sim.effects.instances import MANY_SIZES, all_labelled, further_inputs, has_size, labelled, large_input
+from sim.maths import clip, each_column
 
 
 @dataclass(frozen=True)

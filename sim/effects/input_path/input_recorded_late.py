@@ -9,14 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Regularity, Station
+from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
 from sim.effects.instances import all_labelled, further_inputs, labelled
-from sim.effects.time_shift import moved_ahead
-from sim.maths.elementary import each_column
+from sim.effects.timing import moved_ahead
+from sim.maths import each_column
 
 
 @dataclass(frozen=True)

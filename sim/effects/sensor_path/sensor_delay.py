@@ -9,14 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Regularity, Station
+from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
-from sim.declaration.traits import Traits
-from sim.effects.earlier import each_run_earlier
-from sim.effects.instances import further_outputs
-from sim.effects.separating import FASTER_MOTION
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
+from sim.effects.instances import FASTER_MOTION, further_outputs
+from sim.effects.timing import each_run_earlier
 
 _LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType({"alpha": ("vane-offset",), "nz": ("sensor-scale:alpha",)})
 
@@ -65,7 +62,7 @@ class SensorDelay:
         return () if self.channel == "altitude" else [Probe({"delay": time}) for time in late_times(context)]
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """Values at the earlier times, see ``sim.effects.earlier``: continuous in the delay."""
+        """Values at the earlier times, see ``sim.effects.timing``: continuous in the delay."""
         return each_run_earlier(steps, begin, end, _late, p.delay)
 
 

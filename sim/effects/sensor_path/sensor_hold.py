@@ -10,14 +10,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Regularity, Station
+from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
-from sim.effects.earlier import each_run_earlier
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import further_outputs
-from sim.maths.elementary import trailing
+from sim.effects.timing import each_run_earlier
+from sim.maths import trailing
 
 EVERY = (2, 3, 4, 5, 8, 10)  # samples between updates that a search tries
 LONGEST = 0.5  # s

@@ -9,14 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
-from sim.declaration.traits import Traits
-from sim.effects.instances import further_outputs
-from sim.effects.separating import FASTER_MOTION
-from sim.maths.elementary import linear_recurrence, real, trailing, where
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
+from sim.effects.instances import FASTER_MOTION, further_outputs
+from sim.maths import linear_recurrence, real, trailing, where
 
 _LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType({"alpha": ("vane-offset",), "nz": ("sensor-scale:alpha",)})
 

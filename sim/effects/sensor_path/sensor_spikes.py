@@ -9,13 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Regularity, Station
+from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import further_inputs, further_outputs, large_input, large_output
-from sim.maths.elementary import maximum, minimum, real, trailing
+from sim.maths import maximum, minimum, real, trailing
 
 EXPLANATION = (
     "A few samples are simply wrong: y_recorded = y + size at isolated moments, y elsewhere. Lost bits, telemetry dropouts and connectors that "

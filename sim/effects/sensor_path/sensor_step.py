@@ -7,14 +7,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Station
+from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
-from sim.effects.instances import further_outputs, has_output_size, large_output
-from sim.effects.onset import risen
-from sim.effects.separating import STEADY_FLIGHT
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.instances import STEADY_FLIGHT, further_outputs, has_output_size, large_output
+from sim.effects.timing import risen
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
-from sim.effects.vane import at_arm
+from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.airflow import at_arm
 
 TURNING = {"q": "pitch", "r": "yaw"}
 ANOTHER_SPEED = "the same maneuver at another airspeed: the error of a vane goes with q/V, a lag or a delay stays"

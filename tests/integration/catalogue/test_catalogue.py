@@ -22,8 +22,8 @@ from scenarios.studies.text import print_study
 from scenarios.terminal.numbers import as_text
 from sim.errors import DeclarationError
 from sim.vehicles import factory
+from sim.vehicles.factory import linearise
 from sim.vehicles.library import read_parameter_set
-from sim.vehicles.linear import linearise
 from tests.oracles.cramer_rao import bound, fall_outputs, short_period_outputs
 from tests.repeated import repeat
 

@@ -26,8 +26,8 @@ from scenarios.x29.content import loop_comparison
 from scenarios.x29.printing import print_loop
 from scenarios.x29.study import loop_scenario, run_loop
 from sim.declaration.compile import compile_model
+from sim.declaration.effect import ParameterSet
 from sim.declaration.model import Noise
-from sim.declaration.parameters import ParameterSet
 from sim.errors import DeclarationError
 from sim.record import Record
 from tests.every_model import MODELS, case_of

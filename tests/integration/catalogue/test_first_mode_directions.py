@@ -7,9 +7,8 @@ import pytest
 
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.study import references
-from sim.vehicles.factory import flexible_model
+from sim.vehicles.factory import flexible_model, held_response, linearise
 from sim.vehicles.library import read_parameter_set
-from sim.vehicles.linear import held_response, linearise
 
 
 def sensitivities(outputs: tuple[str, ...]) -> np.ndarray:

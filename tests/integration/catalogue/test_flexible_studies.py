@@ -25,10 +25,9 @@ from scenarios.studies.sweep.content import sweep_content, sweep_csv
 from scenarios.studies.sweep.criteria import _begins, criteria_of
 from scenarios.studies.sweep.sweep import Sweep, sweep_flexibility
 from sim.errors import DeclarationError
-from sim.vehicles.flexibility.static_condensation import condense
-from sim.vehicles.flexibility.stiffness import with_frequency_factor
+from sim.vehicles.factory import linearise
+from sim.vehicles.flexibility import condense, with_frequency_factor
 from sim.vehicles.library import read_parameter_set
-from sim.vehicles.linear import linearise
 from tests.integration.command_line import CommandLine
 
 COARSE = ("flight.rate=20 Hz", "flight.step=0.005")

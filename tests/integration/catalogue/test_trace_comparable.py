@@ -24,7 +24,7 @@ from scenarios.trials.planted.study import Grade, Scored, TraceStudy, run_trace,
 from scenarios.trials.planted.text import trace_text
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.maths.elementary import complex_step_jacobian
+from sim.maths import complex_step_jacobian
 
 SIGMAS = 4.0  # of a score that is right: one in 16,000
 

@@ -21,7 +21,7 @@ from scenarios.studies.study import run_scenario
 from scenarios.studies.text import _print_repeated, print_study
 from scenarios.terminal.numbers import console
 from sim.errors import DeclarationError
-from sim.vehicles.linear import linearise
+from sim.vehicles.factory import linearise
 
 
 def scenario(runs: int, *methods: str, flights: slice = slice(None)) -> Scenario:

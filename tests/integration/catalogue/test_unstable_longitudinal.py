@@ -16,11 +16,11 @@ from scenarios.identification.identify import identify
 from scenarios.preparation.request import Request
 from scenarios.studies.flying import vehicle_model
 from sim.declaration.model import Model, Noise
-from sim.maneuvers.steps import Maneuver, Sum, doublet, step, three_two_one_one
+from sim.maneuvers import Maneuver, Sum, doublet, step, three_two_one_one
 from sim.record import Record
 from sim.truth.feedback import fly_with_feedback
 from sim.truth.flight import sample_times
-from sim.vehicles.linear import linearise
+from sim.vehicles.factory import linearise
 from sim.vehicles.longitudinal import LONGITUDINAL_CONSTANTS
 
 DEGREE = float(np.deg2rad(1.0))

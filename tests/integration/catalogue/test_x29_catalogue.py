@@ -21,7 +21,7 @@ from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, loop_scenario, response_check, run_loop, starting_values
 from scenarios.x29.variants import run_over_seeds
 from scenarios.x29.verdicts import HALF_FRAME, verdicts
-from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
+from sim.closed_loop.linear import EquivalentSystem, equivalent_system
 from sim.errors import DeclarationError
 from tests.integration.command_line import CommandLine
 

@@ -13,11 +13,9 @@ from ident.frequency_response.multitaper import estimate_response, fit_response
 from ident.statistics.differences import compare_estimates
 from ident.statistics.noise_envelope import noise_envelope
 from scenarios.identification.low_order_filter import PAPER_START, SIMULATION_SHARE, loes_filter_system
-from sim.closed_loop.airframe import X29
-from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
-from sim.closed_loop.nonlinear import fly_closed_loop
-from sim.closed_loop.reader import load_x29
-from sim.closed_loop.sticks import three_two_one_one
+from sim.closed_loop.airframe import X29, load_x29
+from sim.closed_loop.linear import EquivalentSystem, equivalent_system
+from sim.closed_loop.nonlinear import fly_closed_loop, three_two_one_one
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.record import Record

@@ -17,7 +17,7 @@ from scenarios.commands.arguments import each_validated
 from scenarios.files.writing import write_record
 from scenarios.preparation.vehicle_model import model_of_file
 from sim.declaration.model import Noise
-from sim.maneuvers.steps import three_two_one_one
+from sim.maneuvers import three_two_one_one
 from sim.truth.flight import fly, sample_times
 from tests.diagnoses import NOISE, RIGID, written_inputs
 

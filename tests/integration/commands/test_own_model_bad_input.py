@@ -318,9 +318,7 @@ def test_calls_that_say_too_little_or_too_much(flightid: CommandLine, place: Pat
 
 def test_an_answer_that_is_lost_on_the_way(flightid: CommandLine, place: Path) -> None:
     """At the starts there is a number; where the motion leaves the root's range there is none."""
-    (place / FILE).write_text(
-        swapped(('"x": s.v', '"x": s.v + 0 * sqrt(0.01 - s.x)'), ("from sim", "from sim.maths.elementary import sqrt\nfrom sim"))
-    )
+    (place / FILE).write_text(swapped(('"x": s.v', '"x": s.v + 0 * sqrt(0.01 - s.x)'), ("from sim", "from sim.maths import sqrt\nfrom sim")))
     before = contents(place)
     for name in ("simulate", "campaign"):
         assert "the simulation diverges at " in flightid.refused(*COMMANDS[name], "--input", "force=step,amplitude=5")

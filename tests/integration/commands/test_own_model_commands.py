@@ -16,7 +16,7 @@ from scenarios.files.writing import write_record
 from sim.declaration.effect import Effect
 from sim.declaration.model import Model
 from sim.effects.library import effects_for, guards_for
-from sim.maneuvers.steps import alternating
+from sim.maneuvers import alternating
 from sim.truth.flight import fly, sample_times
 from sim.truth.measurement import Measurement
 from tests.bases import RIGID_VALUES

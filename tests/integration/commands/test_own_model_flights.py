@@ -24,7 +24,7 @@ from scenarios.studies.scenario_file.schema import Maneuver
 from scenarios.studies.study import run_scenario
 from scenarios.trials.planted.flights import off
 from scenarios.trials.planted.own_flight import OwnFlight, study_document
-from sim.declaration.parameters import Parameter
+from sim.declaration.effect import Parameter
 from sim.record import Hold, Record
 from sim.vehicles.library import read_parameter_set
 from tests.integration.command_line import CommandLine, contents
@@ -33,7 +33,7 @@ from tests.own_models import ROLL_AND_YAW, SHORT_PERIOD, SPRING, model_file
 TANK = '''"""A tank that a pump fills and that empties through a hole; the pump keeps its level."""
 
 from sim.declaration import own_model
-from sim.maths.elementary import sqrt
+from sim.maths import sqrt
 
 MODEL = own_model(
     name="tank",

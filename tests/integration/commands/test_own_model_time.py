@@ -17,7 +17,7 @@ TIMED = '''"""A mass on a spring: a force that swings with the time, and a load 
 import numpy as np
 
 from sim.declaration import own_model
-from sim.maths.elementary import where
+from sim.maths import where
 
 MODEL = own_model(
     name="timed",

@@ -16,7 +16,7 @@ from scenarios.files.vehicles import read_vehicle
 from scenarios.files.writing import write_record
 from scenarios.preparation.vehicle_model import model_of_file
 from sim.declaration.model import Noise
-from sim.maneuvers.steps import doublet, sequence, three_two_one_one
+from sim.maneuvers import doublet, sequence, three_two_one_one
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
 from tests import loes_problem

@@ -14,8 +14,8 @@ from scipy import signal
 
 import flightid as fid
 from scenarios.cli import main
+from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins
-from sim.closed_loop.reader import load_x29
 from tests.recorders.logs import write_dataflash
 
 RATE = 400.0

@@ -19,7 +19,7 @@ from scenarios.survey.example import EXAMPLE
 from sim.declaration.effect import full_name
 from sim.declaration.model import Noise
 from sim.effects.library import effects_for
-from sim.maneuvers.steps import three_two_one_one
+from sim.maneuvers import three_two_one_one
 from sim.truth.flight import fly, sample_times
 from tests.integration.command_line import CommandLine, contents
 from tests.integration.commands.test_stopping import stopped

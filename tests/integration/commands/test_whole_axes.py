@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sim.declaration.model import Noise
-from sim.maneuvers.steps import Maneuver, Sum, doublet, three_two_one_one
+from sim.maneuvers import Maneuver, Sum, doublet, three_two_one_one
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
 from tests.integration.command_line import CommandLine, contents

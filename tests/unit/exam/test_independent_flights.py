@@ -25,8 +25,7 @@ from exam.coverage.independent_flights import (
     motion,
 )
 from sim.declaration.compile import compile_model
-from sim.propagation.grid import drive_from_record, make_grid
-from sim.propagation.integrate import simulate
+from sim.propagation import drive_from_record, make_grid, simulate
 from sim.record import Hold
 from sim.vehicles.factory import model_from_constants
 

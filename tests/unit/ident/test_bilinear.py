@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ident.bilinear_table import Function, bilinear
-from sim.maths.elementary import complex_step_jacobian, sqrt
+from sim.maths import complex_step_jacobian, sqrt
 
 # Two states x, y, two parameters a, b, one input u.
 FAIR: Function = lambda w: [w[2] * w[0] + 3.0 * w[1] - 1.5, w[3] * (w[4] - w[1]) + w[2] * w[3]]  # noqa: E731

@@ -9,8 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from sim.declaration.effect import Signal
-from sim.maths.constants import G0
-from sim.maths.elementary import cos
+from sim.maths import G0, cos
 from sim.vehicles.lateral import Lateral
 
 BASE = Lateral()

@@ -14,13 +14,12 @@ from exam.surrogates.declaration import Causes, Surrogate
 from exam.surrogates.flights.drawing import Drawn, dealt, with_term
 from exam.surrogates.flights.lateral.aircraft import OWN_PARAMETERS, LateralFlight
 from exam.surrogates.flights.lateral.maneuvers import maneuver_pair
+from sim.declaration.effect import Parameter, ParameterSet
 from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import Parameter, ParameterSet
 from sim.effects.library import find_effect
-from sim.vehicles.factory import model_from_constants
+from sim.vehicles.factory import linearise, model_from_constants
 from sim.vehicles.lateral import LATERAL_CONSTANTS, Lateral
 from sim.vehicles.library import read_parameter_set
-from sim.vehicles.linear import linearise
 
 CONDITION = ("airspeed", "air_density", "trim_alpha", "trim_theta", "cross_inertia")
 UNITS = (0.3, 1.5)  # s, of a 3-2-1-1

@@ -8,8 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from exam.surrogates.flights.maneuvers import KINDS, Table, carried_out
-from sim.maneuvers.multisine import schroeder_multisine
-from sim.maneuvers.steps import Delayed, Maneuver
+from sim.maneuvers import Delayed, Maneuver, schroeder_multisine
 
 # An aileron rolls faster than a rudder yaws: shorter steps, smaller deflections.
 ROLL_UNIT, ROLL_AMPLITUDE = 0.6, 0.6

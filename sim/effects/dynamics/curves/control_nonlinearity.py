@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.controls import LATERAL_CONTROLS, LateralControl
 from sim.effects.instances import all_labelled, labelled
-from sim.effects.lateral_controls import LATERAL_CONTROLS, LateralControl
-from sim.maths.splines import combine, natural_shapes, shape_names
+from sim.maths import combine, natural_shapes, shape_names
 
 
 @dataclass(frozen=True)
@@ -21,7 +19,7 @@ class ControlNonlinearity:
     """The moment of a deflection d is that of d + f(d), f a natural cubic spline over ``[low, high]`` with f(0) = f'(0) = 0.
 
     moment += moment_by f(d), lift += ``lift_share`` lift_by f(d), with the vehicle's derivatives by the control. f = sum of
-    ``shape1`` ... times orthonormal shapes (`sim.maths.splines`), each the root mean square deflection that its shape adds over the
+    ``shape1`` ... times orthonormal shapes (`sim.maths`), each the root mean square deflection that its shape adds over the
     range, in the control's unit. ``lift_share`` is one where lift and moment come from one force on the surface, zero
     where the moment alone bends; it has no meaning while f is zero.
 

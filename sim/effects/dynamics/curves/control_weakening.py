@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import SearchContext, Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.effect import Parameter
+from sim.declaration.proposal import SearchContext, Traceable, Traits
+from sim.effects.controls import SHARES, PlainControl, of_all_controls
 from sim.effects.instances import all_labelled
-from sim.effects.plain_control import SHARES, PlainControl, of_all_controls
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
-from sim.effects.separating import ANOTHER_FALL
-from sim.maths.elementary import absolute, asinh, maximum, sqrt
-from sim.maths.splines import Shapes, combine, natural_shapes, shape_names
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.instances import ANOTHER_FALL
+from sim.maths import Shapes, absolute, asinh, combine, maximum, natural_shapes, shape_names, sqrt
 
 SONIC, TRANSONIC = 1.1, 0.25  # middle and half width of the Mach numbers at which drag changes most
 SEA_LEVEL, LAPSE, COLDEST = 288.15, 0.0065, 216.65  # K, K/m, K: standard atmosphere, held at its tropopause value above 11 km
@@ -26,7 +23,7 @@ SPEED_PER_ROOT = math.sqrt(1.4 * 287.053)  # (m/s)/sqrt(K): air as a perfect gas
 class DragMach:
     """log drag += f(M), M = speed / speed of sound, f a natural cubic spline over ``[low, high]`` with f = 0 at ``low``.
 
-    f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths.splines`) of asinh((M - 1.1)/0.25), which spreads the transonic range, where
+    f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`) of asinh((M - 1.1)/0.25), which spreads the transonic range, where
     drag changes most. beta is then the ballistic coefficient at the lowest Mach number, below which f goes on straight. The speed
     of sound is that of the standard atmosphere, a = sqrt(1.4 R T) with T = max(288.15 K - 0.0065 K/m altitude, 216.65 K).
     One that is a few per cent off stretches f along M and changes no fit.

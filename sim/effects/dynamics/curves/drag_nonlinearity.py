@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim.declaration.proposal import Traceable
-from sim.effects.load_curve import LoadCurve
+from sim.effects.loads import LoadCurve
 
 EXPLANATION = (
     "The drag bends away from the straight line CD = CD_0 + CD_alpha alpha: a polar is a parabola of the lift at least. CD += f(alpha), a "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sim.declaration.proposal import Traceable
-from sim.effects.load_curve import LoadCurve
+from sim.effects.loads import LoadCurve
 
 EXPLANATION = (
     "The lift bends away from the straight line CL = CL_alpha alpha: near separation it falls short, with vortices it grows faster. CL += "

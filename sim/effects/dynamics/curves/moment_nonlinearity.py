@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sim.declaration.proposal import Traceable
-from sim.effects.load_curve import LoadCurve
+from sim.effects.loads import LoadCurve
 
 EXPLANATION = (
     "The pitching moment bends away from the straight line Cm = Cm_alpha alpha: at larger angles the aircraft grows stiffer, loses stability "

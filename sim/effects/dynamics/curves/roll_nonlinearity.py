@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim.declaration.proposal import Traceable
-from sim.effects.load_curve import LoadCurve
+from sim.effects.loads import LoadCurve
 
 EXPLANATION = (
     "The rolling moment bends away from the straight line Cl = Cl_beta beta: the dihedral effect grows or fades with sideslip, as of a swept "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim.declaration.proposal import Traceable
-from sim.effects.load_curve import LoadCurve
+from sim.effects.loads import LoadCurve
 
 EXPLANATION = (
     "The side force bends away from the straight line CY = CY_beta beta: fin and fuselage at larger sideslip do not carry in proportion. CY += "

@@ -12,12 +12,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Station, constants_needed, ports_needed
+from sim.declaration.effect import Parameter, Regularity, Station, constants_needed, ports_needed
 from sim.declaration.model import Equations, Multiplying
-from sim.declaration.own_equations import OwnEquations
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.declaration.user_equations import OwnEquations
 from sim.effects.dynamics.curves.control_nonlinearity import VARIANTS as CURVED_CONTROLS
 from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.curves.drag_mach import DragMach
@@ -28,11 +26,9 @@ from sim.effects.dynamics.curves.roll_nonlinearity import VARIANTS as CURVED_ROL
 from sim.effects.dynamics.curves.side_force_nonlinearity import VARIANTS as CURVED_SIDE_FORCE
 from sim.effects.dynamics.curves.yaw_nonlinearity import VARIANTS as CURVED_YAW
 from sim.effects.dynamics.density_scale_height import DensityScaleHeight
-from sim.effects.instances import controls
-from sim.effects.load_curve import LoadCurve
-from sim.effects.loads import MULTIPLIED
-from sim.effects.separating import BEYOND_PRODUCTS
-from sim.maths.splines import Shapes, combine, first_shapes, natural_shapes, shape_names
+from sim.effects.instances import BEYOND_PRODUCTS, controls
+from sim.effects.loads import MULTIPLIED, LoadCurve
+from sim.maths import Shapes, combine, first_shapes, natural_shapes, shape_names
 
 FORMS = (2, 5, 10)  # shapes: a slope and a bend; the curve of five intervals of the named ones; that of ten
 AIRSPEED_CHANGE, AIRSPEED = "airspeed_change", "airspeed"  # the port where a recorded airspeed comes in, and what it is called
@@ -55,7 +51,7 @@ class Varies:
 
     The anchor is zero where the range holds it, else the middle of the range. The parameter as declared is that at the anchor.
     f = ``shape1`` times a straight line + ``shape2`` times nearly a parabola; freer forms have the other shapes of a spline of five intervals, as
-    the named curves, and of ten (`sim.maths.splines`). They are orthonormal: each size is the root mean square that its shape adds over the
+    the named curves, and of ten (`sim.maths`). They are orthonormal: each size is the root mean square that its shape adds over the
     range, in the parameter's unit. Outside the range f goes on straight.
 
     Attributes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim.declaration.proposal import Traceable
-from sim.effects.load_curve import LoadCurve
+from sim.effects.loads import LoadCurve
 
 EXPLANATION = (
     "The yawing moment bends away from the straight line Cn = Cn_beta beta: at larger sideslip the fin stalls, or the fuselage takes its air. "

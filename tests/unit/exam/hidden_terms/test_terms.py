@@ -14,8 +14,8 @@ from exam.random_cases.vehicles import drawn_vehicle
 from sim.declaration.effect import Station, full_name
 from sim.declaration.model import Model, Noise
 from sim.effects.library import applies
-from sim.maneuvers.steps import doublet
-from sim.propagation.integrate import rk4_step
+from sim.maneuvers import doublet
+from sim.propagation import rk4_step
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import model_of
 from sim.vehicles.library import read_parameter_set

@@ -23,11 +23,11 @@ from exam.surrogates.study import acts
 from sim.declaration.effect import Station
 from sim.effects.library import effects_for, find_effect
 from sim.errors import DeclarationError
-from sim.propagation.integrate import rk4_step
+from sim.propagation import rk4_step
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
+from sim.vehicles.factory import linearise
 from sim.vehicles.lateral import Lateral
-from sim.vehicles.linear import linearise
 from tests.surrogates import CALM, DEGREE, EVERY, NOTHING
 
 MEASURED = tuple(signal.name for signal in Lateral().outputs)

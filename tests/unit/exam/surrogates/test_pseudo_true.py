@@ -20,7 +20,7 @@ from sim.declaration.model import Model, Noise
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.library import find_effect
 from sim.errors import ModelError
-from sim.maneuvers.steps import doublet, three_two_one_one
+from sim.maneuvers import doublet, three_two_one_one
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import rigid_model

@@ -20,7 +20,7 @@ from exam.surrogates.flights.kinds import KINDS
 from sim.declaration.effect import Station
 from sim.effects.library import effect_names, find_effect
 from sim.errors import DeclarationError
-from sim.propagation.integrate import rk4_step
+from sim.propagation import rk4_step
 from sim.record import Hold, Record
 from sim.truth.flight import fly, sample_times
 from tests.surrogates import ALL_CHANNELS, CALM, EVERY, short

@@ -17,7 +17,7 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import ModelError
-from sim.propagation.integrate import euler_step
+from sim.propagation import euler_step
 from sim.record import Channel, Hold, Record
 from tests.bases import rigid_flight, rigid_model
 from tests.linear_problem import oscillator, record_of

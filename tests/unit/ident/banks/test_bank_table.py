@@ -17,7 +17,7 @@ from ident.filters.transition import Exponential, Taylor
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.effects.dynamics.derivative_jump import DerivativeJump
-from sim.propagation.integrate import euler_step
+from sim.propagation import euler_step
 from sim.record import Hold, Record
 from tests import loes_problem as problem
 from tests.linear_problem import oscillator, record_of

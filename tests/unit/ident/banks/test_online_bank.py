@@ -14,7 +14,7 @@ from ident.banks.bank import BankEstimate, run_bank
 from ident.banks.delays import DELAYS
 from ident.banks.online import LONGEST_SPIKE, BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
 from sim.declaration.compile import compile_model
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.record import Channel, Record
 from tests import loes_problem as problem

@@ -12,7 +12,7 @@ from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, onli
 from ident.banks.other_starts import moved_starts
 from ident.banks.relinearised import Relinearised, along, due, joint, joint_estimate, linearise, on_a_grid_that_fits, told_enough, weighed
 from ident.estimate import Estimate
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.record import Record
 from tests import loes_problem as problem
 

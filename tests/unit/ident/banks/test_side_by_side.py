@@ -15,8 +15,7 @@ from ident.banks.runs import BankHistory, BankPass
 from ident.filters.ekf import FilterSettings
 from ident.filters.transition import Exponential
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model, Noise
-from sim.declaration.system import System
+from sim.declaration.model import Model, Noise, System
 from sim.effects.input_path.input_delay import InputDelay
 from sim.record import Record
 from tests import loes_problem

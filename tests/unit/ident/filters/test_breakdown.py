@@ -17,7 +17,7 @@ from ident.filters.smoother import smooth
 from ident.filters.transition import Exponential
 from ident.filters.ukf import run_ukf
 from sim.declaration.compile import compile_model
-from sim.propagation.integrate import euler_step
+from sim.propagation import euler_step
 from sim.record import Channel, Record
 from tests.rigid_problem import ballistic_record, ballistic_start, rigid_record, rigid_start
 

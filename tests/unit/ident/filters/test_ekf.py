@@ -12,11 +12,10 @@ from ident.estimate import Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_by_complex_step, filter_by_filterpy, filter_by_table, run_ekf
 from ident.filters.transition import Exponential, Taylor, Transition
 from sim.declaration.compile import compile_model
+from sim.declaration.effect import Parameter, ParameterSet
 from sim.declaration.model import Noise
-from sim.declaration.parameters import Parameter, ParameterSet
 from sim.errors import ModelError
-from sim.propagation.grid import make_grid
-from sim.propagation.integrate import Step, euler_step, rk4_step
+from sim.propagation import Step, euler_step, make_grid, rk4_step
 from sim.record import Hold, Record
 from tests.linear_problem import matched_record, matrices, oscillator, record_of
 from tests.oracles.kalman import Filtered, kalman

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ident.filters.problem import proportional_priors
-from sim.declaration.parameters import Parameter, ParameterSet
+from sim.declaration.effect import Parameter, ParameterSet
 from sim.errors import ModelError
 
 SET = ParameterSet((Parameter("a", -8.0), Parameter("b", 0.0), Parameter("c", 2.0, free=False)))

@@ -13,8 +13,8 @@ from ident.filters.iterated_ekf import run_iterated_ekf
 from ident.filters.transition import Exponential
 from ident.whole_record.output_error import FitSettings, fit_output_error
 from sim.declaration.compile import compile_model
+from sim.declaration.effect import Parameter, ParameterSet
 from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import Parameter, ParameterSet
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import ballistic_model

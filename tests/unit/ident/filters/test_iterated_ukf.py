@@ -16,7 +16,7 @@ from ident.filters.transition import Taylor
 from ident.filters.ukf import run_ukf
 from scenarios.identification.identify import identify
 from sim.declaration.compile import compile_model
-from sim.propagation.grid import make_grid
+from sim.propagation import make_grid
 from sim.record import Record
 from tests.linear_problem import matrices, oscillator, record_of
 from tests.oracles.kalman import kalman, rts

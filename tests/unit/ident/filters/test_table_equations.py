@@ -14,12 +14,11 @@ from ident.filters.ekf import FilterSettings, filter_by_complex_step, filter_by_
 from ident.filters.problem import FilterProblem, filter_problem
 from ident.filters.transition import Exponential, Taylor
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model, Noise
-from sim.declaration.system import System
+from sim.declaration.model import Model, Noise, System
 from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_scale import SensorScale
-from sim.propagation.integrate import euler_step
+from sim.propagation import euler_step
 from sim.record import Hold, Record
 from tests import loes_problem
 from tests.linear_problem import oscillator, record_of

@@ -13,9 +13,8 @@ from ident.filters.smoother import smooth
 from ident.filters.transition import Exponential, Taylor, Transition
 from ident.filters.ukf import run_ukf, slopes, square_root
 from sim.declaration.compile import compile_model
-from sim.declaration.parameters import Parameter, ParameterSet
-from sim.propagation.grid import make_grid
-from sim.propagation.integrate import Step, euler_step, rk4_step
+from sim.declaration.effect import Parameter, ParameterSet
+from sim.propagation import Step, euler_step, make_grid, rk4_step
 from tests.linear_problem import matrices, oscillator, record_of
 from tests.oracles.kalman import kalman, rts
 from tests.rigid_problem import TRUE, ballistic_record, ballistic_start, rigid_record, rigid_start

@@ -14,7 +14,7 @@ from ident.flying_qualities.characteristics import Characteristics, characterist
 from ident.flying_qualities.handling_qualities import CATEGORIES, CLASSES, qualities
 from ident.flying_qualities.mode_levels import DETERMINED, DRAWS, Flown, ModeLevel, flown_as, mode_levels
 from sim.declaration.compile import compile_model
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.errors import DeclarationError
 from sim.vehicles.factory import model_of
 from sim.vehicles.library import read_parameter_set

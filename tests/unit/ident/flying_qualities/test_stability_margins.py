@@ -19,8 +19,8 @@ from ident.frequency_response import Signals, Spectra, estimate_responses
 from ident.frequency_response.choices import frequencies, window_lengths
 from ident.frequency_response.transfer_function import Target, neighbour_correlation
 from scenarios.responses.fitting import target_of
+from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins, open_loop
-from sim.closed_loop.reader import load_x29
 
 OMEGA = np.geomspace(0.3, 100.0, 200)
 # An integrator with a lag, a resonance and a delay: one gain and two phase crossings up to 20 rad/s.

@@ -14,7 +14,7 @@ from scenarios.preparation.vehicle_model import model_of_file
 from sim.declaration.compile import compile_model
 from sim.effects.library import find_effect
 from sim.errors import ModelError
-from sim.maneuvers.steps import doublet, three_two_one_one
+from sim.maneuvers import doublet, three_two_one_one
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import model_of
 from sim.vehicles.library import read_parameter_set

@@ -11,7 +11,7 @@ from ident.estimate import Estimate, Outcome
 from ident.flying_qualities.modal import MODAL_UNITS, modal_estimate
 from ident.flying_qualities.whole_axes import lateral_modes, level_flight, longitudinal_modes
 from sim.declaration.compile import compile_model
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.vehicles.factory import model_from_constants, model_of
 from sim.vehicles.library import read_parameter_set
 from tests.oracles.whole_axis_modes import lateral_roots, longitudinal_roots

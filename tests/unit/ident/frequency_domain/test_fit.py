@@ -18,8 +18,7 @@ from ident.whole_record.output_error import fit_output_error
 from scenarios.identification.frequency import delays_of
 from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from sim.declaration.model import Model, System
 from sim.errors import ModelError
 from sim.record import Record
 from tests.bases import ballistic_model

@@ -16,7 +16,7 @@ from ident.maneuver_design.rivalry import Acting, contest, linear_squares
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.effects.library import find_effect
-from sim.maneuvers.steps import three_two_one_one
+from sim.maneuvers import three_two_one_one
 from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import model_from_constants

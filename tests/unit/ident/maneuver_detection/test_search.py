@@ -9,9 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from ident.maneuver_detection import KINDS, Signals, active_share, find_maneuvers
-from sim.maneuvers.multisine import orthogonal_multisines
-from sim.maneuvers.steps import Maneuver, doublet, pulse, three_two_one_one
-from sim.maneuvers.sweep import Sweep
+from sim.maneuvers import Maneuver, Sweep, doublet, orthogonal_multisines, pulse, three_two_one_one
 from tests.long_flights import LongFlight, Score, fly, score
 
 RATE = 50.0

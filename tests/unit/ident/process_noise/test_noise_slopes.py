@@ -14,8 +14,8 @@ from ident.process_noise.discretised import Variation, discrete_motion, discreti
 from ident.process_noise.noise_slopes import NoiseSlopes, noise_slopes, slope_pairs
 from ident.whole_record.record_problem import RecordProblem, record_problem
 from sim.declaration.compile import compile_model
+from sim.declaration.effect import Parameter, ParameterSet
 from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import Parameter, ParameterSet
 from sim.record import Channel, Record
 from tests.linear_problem import STD, Oscillator
 

@@ -17,7 +17,7 @@ from ident.regression.local_polynomial import half_width_by_cross_validation, sm
 from ident.regression.state_histories import rate_relations
 from ident.whole_record.output_error import fit_output_error
 from sim.declaration.compile import compile_model
-from sim.declaration.parameters import ParameterSet
+from sim.declaration.effect import ParameterSet
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.errors import ModelError

@@ -13,7 +13,7 @@ from ident.estimate import Outcome
 from ident.regression.equation_error import run_equation_error
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.record import Channel, Hold, Record
 
 CASE = Path(__file__).parents[5] / "shared" / "cases" / "equation-error-missing-rows"
@@ -86,7 +86,7 @@ def test_uneven_samples_serve(system: System, seed: int) -> None:
 
 def test_a_record_without_gaps_is_read_from_sample_to_sample_as_before(system: System) -> None:
     """The nodes of the grid are then the samples themselves."""
-    from sim.propagation.grid import make_grid
+    from sim.propagation import make_grid
 
     time = flown(1)[0]
     grid = make_grid(time, float(np.diff(time).max()))

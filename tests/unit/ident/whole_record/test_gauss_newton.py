@@ -16,9 +16,8 @@ from ident.whole_record.gauss_newton import Fit, arrived, carried, evaluate, fit
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.noise_model import White
 from sim.declaration.compile import compile_model
-from sim.declaration.parameters import Parameter, ParameterSet
-from sim.propagation.grid import drive_from_record, make_grid
-from sim.propagation.integrate import simulate
+from sim.declaration.effect import Parameter, ParameterSet
+from sim.propagation import drive_from_record, make_grid, simulate
 from sim.record import Channel, Record
 from tests.bases import ballistic_model, rigid_model
 from tests.linear_problem import oscillator, record_of

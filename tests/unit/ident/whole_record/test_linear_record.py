@@ -14,11 +14,10 @@ from ident.whole_record.linear_record import linear_record
 from ident.whole_record.linearise import Linearisation, linearise
 from ident.whole_record.record_problem import RecordProblem, record_problem
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from sim.declaration.model import Model, System
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
-from sim.propagation.integrate import Step, euler_step, rk4_step
+from sim.propagation import Step, euler_step, rk4_step
 from sim.record import Hold, Record
 from tests.linear_problem import Oscillator, oscillator, record_of
 from tests.rigid_problem import UNSTABLE, ballistic_record, ballistic_start, rigid_record, rigid_start

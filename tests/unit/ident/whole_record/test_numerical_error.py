@@ -14,8 +14,7 @@ from ident.whole_record.numerical_error import with_sampling_error
 from ident.whole_record.output_error import FitSettings, fit_output_error
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from sim.declaration.model import Model, System
 from sim.record import Channel, Record
 from tests.bases import Flight, base_for, lateral_flight, longitudinal_flight, rigid_flight, three_two_one_one
 

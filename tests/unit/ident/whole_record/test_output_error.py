@@ -15,12 +15,10 @@ from ident.whole_record.output_error import FitSettings, fit_output_error
 from ident.whole_record.record_problem import record_problem
 from ident.whole_record.trajectory_guess import guess_states
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model
-from sim.declaration.parameters import ParameterSet
-from sim.declaration.system import System
+from sim.declaration.effect import ParameterSet
+from sim.declaration.model import Model, System
 from sim.errors import ModelError
-from sim.propagation.grid import drive_from_record, make_grid
-from sim.propagation.integrate import simulate
+from sim.propagation import drive_from_record, make_grid, simulate
 from sim.record import Channel, Record
 from tests.bases import RIGID_VALUES, ballistic_model, rigid_flight, rigid_model
 from tests.rigid_problem import FREE, TRUE, UNSTABLE, ballistic_record, noisy, rigid_record

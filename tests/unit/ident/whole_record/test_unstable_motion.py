@@ -16,7 +16,7 @@ from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import fit_covariance, fit_output_error
 from ident.whole_record.unstable_motion import GROWN, fit_projected, fit_unstable, growth, projected_covariance
 from sim.declaration.compile import compile_model
-from sim.declaration.parameters import Parameter, ParameterSet
+from sim.declaration.effect import Parameter, ParameterSet
 from sim.record import Channel, Record
 from tests.bases import fly, rigid_flight, rigid_model
 from tests.rigid_problem import noisy, rigid_record, rigid_start

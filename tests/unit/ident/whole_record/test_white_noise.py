@@ -14,7 +14,7 @@ from ident.whole_record.gauss_newton import Fit, evaluate
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from ident.whole_record.noise_model import WHITE, WeightedResiduals
 from sim.declaration.compile import compile_model
-from sim.declaration.parameters import Parameter, ParameterSet
+from sim.declaration.effect import Parameter, ParameterSet
 from tests.linear_problem import oscillator, record_of
 
 

@@ -20,7 +20,7 @@ from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.preparation.request import Request
 from scenarios.preparation.vehicle_model import model_of_file
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Traits
 from sim.errors import FlightidError
 from sim.record import Record
 from tests.diagnoses import LOES, RIGID, diagnosis_of, written_inputs

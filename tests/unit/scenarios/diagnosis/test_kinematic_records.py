@@ -15,7 +15,7 @@ from scenarios.diagnosis.kinematics import AGREES, CONTRADICTS, Kinematics, agre
 from scenarios.diagnosis.report.kinematics_text import kinematics_content, kinematics_lines
 from scenarios.diagnosis.report.wording import Wording
 from sim.effects.library import effects_for
-from sim.maths.constants import G0
+from sim.maths import G0
 from sim.record import Channel, Record
 from tests.whole_axes import CONSTANTS, RATE, flown, true_model
 

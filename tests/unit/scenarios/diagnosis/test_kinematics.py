@@ -34,7 +34,7 @@ from scenarios.files.vehicles import read_any_vehicle
 from scenarios.files.writing import json_text, write_record
 from scenarios.preparation.plan import Segment
 from scenarios.preparation.request import Request
-from sim.maths.constants import G0
+from sim.maths import G0
 from sim.record import Channel, Record
 from tests.diagnoses import measured_record, tracing_of
 from tests.integration.command_line import VEHICLE

@@ -17,8 +17,7 @@ from scenarios.diagnosis.report.tables import candidate_rows, derivative_rows
 from scenarios.diagnosis.report.text import diagnosis_text, headline, verdict_advice, where_predicted, wording_of
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.terminal.quantities import value_text
-from sim.declaration.proposal import Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Traceable, Traits
 from sim.effects.library import library
 from tests.diagnoses import LOES, tracing_of
 

@@ -16,7 +16,7 @@ from scenarios.identification.assessment.text import bound_lines, fit_lines, int
 from scenarios.identification.figures import figure_spectra, identification_figures
 from scenarios.identification.identify import identify
 from scenarios.identification.result import Identification, Options
-from sim.declaration.ties import Tie
+from sim.declaration.model import Tie
 from sim.errors import DeclarationError
 from sim.record import Channel, Hold, Record
 from tests.every_model import Case, case_of

@@ -12,7 +12,7 @@ import flightid
 from ident.estimate import Outcome
 from sim.declaration import own_model
 from sim.declaration.model import Model
-from sim.maths.elementary import cos, sin
+from sim.maths import cos, sin
 
 SHARED = Path(__file__).parents[5] / "shared" / "flightdata" / "aircraft"
 LATERAL = {"L_p": -5.8, "L_r": 1.8, "L_da": -16.4, "L_dr": 0.44, "L_v": -0.097, "N_p": -0.66, "N_r": -0.71, "N_da": -0.43}

@@ -18,7 +18,7 @@ from scenarios.maneuver_design.kinds import KINDS, Room, multisines, no_faster, 
 from scenarios.maneuver_design.text import design_text
 from scenarios.plots.studies.maneuvers import figure_coherence
 from sim.declaration.compile import compile_model
-from sim.maths.elementary import complex_step_jacobian
+from sim.maths import complex_step_jacobian
 from tests.figure_laws import broken_laws, words
 from tests.unit.scenarios.maneuver_design.test_design import VEHICLE
 

@@ -25,7 +25,7 @@ from scenarios.maneuver_design.setting import setting_of
 from scenarios.maneuver_design.text import design_text
 from scenarios.preparation.request import Request
 from sim.errors import DeclarationError
-from sim.maneuvers.multisine import least_peak_multisine, peak_factor, schroeder_multisine
+from sim.maneuvers import least_peak_multisine, peak_factor, schroeder_multisine
 from sim.record import Record
 from sim.truth.flight import fly
 

@@ -11,10 +11,10 @@ from ident.estimate import Estimate, FilterHistory
 from ident.filters.ekf import FilterSettings, run_ekf
 from ident.filters.transition import Taylor
 from sim.declaration.compile import compile_model
+from sim.declaration.effect import ParameterSet
 from sim.declaration.model import Model
-from sim.declaration.parameters import ParameterSet
-from sim.maneuvers.steps import three_two_one_one
-from sim.propagation.integrate import euler_step
+from sim.maneuvers import three_two_one_one
+from sim.propagation import euler_step
 from sim.record import Record
 from sim.truth.flight import Truth, fly, sample_times
 from sim.truth.measurement import Measurement

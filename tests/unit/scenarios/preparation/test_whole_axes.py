@@ -16,7 +16,7 @@ from scenarios.preparation.reading import Prepared, prepare
 from scenarios.preparation.recording import expectations_of
 from scenarios.preparation.vehicle_model import model_of_file
 from sim.errors import RecordError
-from sim.maths.constants import G0
+from sim.maths import G0
 from sim.record import Hold, Record
 from tests.whole_axes import TRUE, flown, moved, trim, write_flown
 

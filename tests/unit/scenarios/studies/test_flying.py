@@ -17,7 +17,7 @@ from scenarios.studies.flying import (
     maneuvers_by_input,
     measured_again,
 )
-from sim.maneuvers.steps import Maneuver
+from sim.maneuvers import Maneuver
 from sim.record import Hold
 
 TIME = np.arange(0.0, 8.0, 0.1)

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from scenarios.x29.loop.linear_check import LinearCheck, linear_check, linear_content, linear_sentence
-from sim.closed_loop.nonlinear import fly_closed_loop
-from sim.closed_loop.reader import load_x29
-from sim.closed_loop.sticks import three_two_one_one
+from sim.closed_loop.airframe import load_x29
+from sim.closed_loop.nonlinear import fly_closed_loop, three_two_one_one
 from tests.oracles.x29_march import march
 
 DURATION = 2.5

@@ -12,9 +12,8 @@ from scipy.optimize import least_squares
 from scenarios.x29.loop.matching import MATCHED, PLAUSIBLE, Beginning, Target, beginning, changed, equivalent_of, has_equivalent, match, targets
 from scenarios.x29.loop.open_margins import AIRFRAMES, EVERYTHING, Design, OpenMargins, margins_content, margins_sentence, open_margins
 from scenarios.x29.loop.open_values import OPEN, flown_loop, hypercube, simulated_loop, values_at
-from sim.closed_loop.equivalent import equivalent_system
-from sim.closed_loop.linear import margins
-from sim.closed_loop.reader import load_x29
+from sim.closed_loop.airframe import load_x29
+from sim.closed_loop.linear import equivalent_system, margins
 from tests.oracles.x29_frequency import returned
 
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.closed_loop.equivalent import FITTED_NAMES, FitOutcome, equivalent_response, equivalent_system, fit_equivalent
-from sim.closed_loop.reader import load_x29
+from sim.closed_loop.airframe import load_x29
+from sim.closed_loop.linear import FITTED_NAMES, FitOutcome, equivalent_response, equivalent_system, fit_equivalent
 from sim.errors import ModelError
 
 OMEGA = np.geomspace(0.35, 14.0, 40)

@@ -9,13 +9,9 @@ import numpy as np
 import pytest
 
 from sim.closed_loop import nonlinear
-from sim.closed_loop.airframe import X29
-from sim.closed_loop.equations import Matrices, shaping_matrices
-from sim.closed_loop.free_frames import FRAMES, FreeFrames, filtered, free_frames
-from sim.closed_loop.limits import Stepper
-from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, fly_closed_loop
-from sim.closed_loop.reader import load_x29
-from sim.closed_loop.sticks import three_two_one_one
+from sim.closed_loop.airframe import X29, load_x29
+from sim.closed_loop.equations import Matrices, Stepper, shaping_matrices
+from sim.closed_loop.nonlinear import FRAMES, ClosedLoopTruth, FlightOutcome, FreeFrames, filtered, fly_closed_loop, free_frames, three_two_one_one
 
 
 class NeverAhead(FreeFrames):

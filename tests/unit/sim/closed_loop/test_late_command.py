@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sim.closed_loop.late_command import late_loop
+from sim.closed_loop.airframe import load_x29
+from sim.closed_loop.equations import late_loop
 from sim.closed_loop.linear import frequency_response, loop_margins, margins, open_loop
-from sim.closed_loop.reader import load_x29
 from sim.errors import ModelError
 from tests.oracles.x29_frequency import signals
 

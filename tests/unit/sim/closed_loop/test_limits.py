@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.closed_loop.equations import plant
-from sim.closed_loop.limits import ALL_FREE, RamMode, Stepper, advance, prepare
-from sim.closed_loop.reader import load_x29
+from sim.closed_loop.airframe import load_x29
+from sim.closed_loop.equations import ALL_FREE, RamMode, Stepper, advance, plant, prepare
 
 X29 = load_x29("S")
 PLANT = plant(X29)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.equations import OUTPUT_NAMES, mixing, plant
 from sim.closed_loop.linear import RESPONSE_NAMES, closed_loop, continuous_plant, frequency_response, margins, open_loop, respond
-from sim.closed_loop.reader import load_x29
 from tests.oracles.x29_frequency import returned, signals, stick_response
 from tests.oracles.x29_linear import airframe_roots, closed_loop_poles, step_response
 

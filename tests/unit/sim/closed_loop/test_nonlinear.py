@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.closed_loop.airframe import X29
+from sim.closed_loop.airframe import X29, load_x29
 from sim.closed_loop.linear import RESPONSE_NAMES, respond
-from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, fly_closed_loop
-from sim.closed_loop.reader import load_x29
-from sim.closed_loop.sticks import SmoothStick, SteppedStick, doublet, three_two_one_one
+from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, SmoothStick, SteppedStick, doublet, fly_closed_loop, three_two_one_one
 from sim.errors import ModelError
 from tests.oracles.x29_march import march
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.closed_loop.reader import DATA_FILE, load_x29
+from sim.closed_loop.airframe import DATA_FILE, load_x29
 from sim.errors import DeclarationError
 from tests.oracles.x29_origins import x29_origins
 

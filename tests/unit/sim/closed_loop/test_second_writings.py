@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from sim.closed_loop import linear
-from sim.closed_loop.equations import mixing, plant
-from sim.closed_loop.equivalent import FITTED_NAMES, equivalent_response, fit_equivalent
-from sim.closed_loop.limits import ALL_FREE, RamMode, advance, prepare
-from sim.closed_loop.nonlinear import FlightOutcome, fly_closed_loop
-from sim.closed_loop.reader import load_x29
-from sim.closed_loop.sticks import hand_flown, three_two_one_one
+from sim.closed_loop.airframe import load_x29
+from sim.closed_loop.equations import ALL_FREE, RamMode, advance, mixing, plant, prepare
+from sim.closed_loop.linear import FITTED_NAMES, equivalent_response, fit_equivalent
+from sim.closed_loop.nonlinear import FlightOutcome, fly_closed_loop, hand_flown, three_two_one_one
 
 OMEGA = np.geomspace(0.35, 14.0, 40)
 

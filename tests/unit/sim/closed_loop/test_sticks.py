@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.closed_loop.sticks import SmoothStick, SteppedStick, doublet, hand_flown, three_two_one_one
+from sim.closed_loop.nonlinear import SmoothStick, SteppedStick, doublet, hand_flown, three_two_one_one
 from sim.errors import ModelError
 
 

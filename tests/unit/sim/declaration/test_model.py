@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from sim.declaration.effect import ParameterSet
 from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import ParameterSet
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag

@@ -15,7 +15,7 @@ from ident.whole_record.output_error import FitSettings, fit_output_error
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Biased, Model
-from sim.declaration.own_model import rate_unit
+from sim.declaration.user_model import rate_unit
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.errors import ModelError
 from tests.bases import RIGID_VALUES, rigid_model

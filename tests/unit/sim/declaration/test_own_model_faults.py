@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sim.errors import ModelError
-from sim.maths.elementary import absolute, clip, maximum, where
+from sim.maths import absolute, clip, maximum, where
 from tests.own_models import ROLL_DECLARED, roll
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from sim.declaration import own_model
 from sim.declaration.model import Model
-from sim.declaration.own_equations import OwnEquations
+from sim.declaration.user_equations import OwnEquations
 
 
 def spring(**ports: Any) -> Model:

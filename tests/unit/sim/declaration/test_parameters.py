@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from sim.declaration.parameters import Parameter, ParameterSet
+from sim.declaration.effect import Parameter, ParameterSet
 from sim.errors import ModelError
 
 THREE = ParameterSet((Parameter("a", 1.0, "m"), Parameter("b", 2.0, free=False), Parameter("c", 3.0, bounds=(0.0, 5.0), prior_std=0.5)))

@@ -12,12 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.declaration.compile import compile_model
-from sim.declaration.effect import Effect, OnlineForm, ReadingEffect, Regularity, Signal, Station, full_name
-from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import Parameter
-from sim.declaration.parts import parts_of
-from sim.declaration.system import System
+from sim.declaration.compile import compile_model, parts_of
+from sim.declaration.effect import Effect, OnlineForm, Parameter, ReadingEffect, Regularity, Signal, Station, full_name
+from sim.declaration.model import Model, Noise, System
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.actuator_lag import ActuatorLag
@@ -28,9 +25,8 @@ from sim.effects.input_path.input_deadband import InputDeadband
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.errors import ModelError
-from sim.maths.elementary import complex_step_jacobian
-from sim.propagation.grid import drive_from_record, make_grid
-from sim.propagation.integrate import simulate
+from sim.maths import complex_step_jacobian
+from sim.propagation import drive_from_record, make_grid, simulate
 from sim.record import Hold
 from tests.bases import RIGID_VALUES, ballistic_model, rigid_model
 

@@ -7,10 +7,9 @@ import pytest
 
 from ident.whole_record.output_error import fit_output_error
 from sim.declaration.compile import compile_model
-from sim.declaration.ties import Tie
+from sim.declaration.model import Tie
 from sim.errors import ModelError
-from sim.propagation.grid import drive_from_record, make_grid
-from sim.propagation.integrate import simulate
+from sim.propagation import drive_from_record, make_grid, simulate
 from tests.every_model import case_of
 from tests.loes_problem import record
 from tests.rigid_problem import rigid_record, rigid_start

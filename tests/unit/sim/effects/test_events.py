@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.effects.onset import edge_width, risen
-from sim.maths.elementary import COMPLEX_STEP
+from sim.effects.timing import edge_width, risen
+from sim.maths import COMPLEX_STEP
 
 
 def test_an_edge_is_a_straight_ramp_centred_on_its_time() -> None:

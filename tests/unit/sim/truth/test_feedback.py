@@ -10,10 +10,10 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.effects.input_path.actuator_lag import ActuatorLag
 from sim.errors import ModelError
-from sim.maneuvers.steps import step
+from sim.maneuvers import step
 from sim.truth.feedback import fly_with_feedback
 from sim.truth.flight import fly, sample_times
-from sim.vehicles.linear import linearise
+from sim.vehicles.factory import linearise
 from tests.bases import LEVEL, longitudinal_model
 from tests.unstable_flight import FIGHTER, fighter
 

@@ -18,14 +18,11 @@ from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.errors import ModelError
-from sim.maneuvers.multisine import schroeder_multisine
-from sim.maneuvers.steps import Maneuver, Sum, three_two_one_one
-from sim.maneuvers.sweep import Sweep
-from sim.maths.elementary import cos
-from sim.propagation.integrate import rk4_step
-from sim.truth.flight import Truth, fly, sample_times
+from sim.maneuvers import Maneuver, Sum, Sweep, schroeder_multisine, three_two_one_one
+from sim.maths import cos
+from sim.propagation import rk4_step
+from sim.truth.flight import EXACT, SMOOTH, TOLERANCE, Truth, by_tolerance, fly, sample_times
 from sim.truth.measurement import Measurement
-from sim.truth.motion import EXACT, SMOOTH, TOLERANCE, by_tolerance
 from sim.vehicles.factory import model_of
 from sim.vehicles.library import read_parameter_set
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim.errors import ModelError
-from sim.truth.noise import coloured_noise, dryden_gust, white_noise
+from sim.truth.measurement import coloured_noise, dryden_gust, white_noise
 
 RUNS = 400
 L, V, SIGMA = 60.0, 50.0, 1.5

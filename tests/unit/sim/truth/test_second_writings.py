@@ -10,9 +10,8 @@ import pytest
 from sim.declaration.model import Noise
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.errors import ModelError
-from sim.maneuvers.steps import three_two_one_one
-from sim.propagation.grid import make_grid
-from sim.propagation.integrate import euler_step
+from sim.maneuvers import three_two_one_one
+from sim.propagation import euler_step, make_grid
 from sim.truth.flight import fly, refuse_divergence, sample_times
 from sim.truth.measurement import Measurement, measure
 from sim.vehicles.factory import ballistic_model, rigid_model

@@ -12,15 +12,13 @@ from scipy.linalg import expm
 from sim.declaration.model import Model, Noise
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import ModelError
-from sim.maneuvers.steps import Delayed, pulse, step, three_two_one_one
-from sim.maneuvers.sweep import Sweep
-from sim.propagation.integrate import euler_step, rk4_step
+from sim.maneuvers import Delayed, Sweep, pulse, step, three_two_one_one
+from sim.propagation import euler_step, rk4_step
 from sim.record import Hold
 from sim.truth.flight import Distance, fly, remeasure, sample_times
 from sim.truth.measurement import Measurement
-from sim.vehicles.factory import ballistic_model, rigid_model
+from sim.vehicles.factory import ballistic_model, linearise, rigid_model
 from sim.vehicles.library import read_parameter_set
-from sim.vehicles.linear import linearise
 from tests.bases import longitudinal_model
 
 MANEUVER = three_two_one_one(0.10471, 0.5, 1.0)

@@ -11,13 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.errors import ModelError
-from sim.maneuvers.steps import three_two_one_one
-from sim.vehicles.data import VehicleData
-from sim.vehicles.factory import RIGID_DERIVATIVES, flexible_model, rigid_model
-from sim.vehicles.flexibility.degree import Flexibility, flexibility
-from sim.vehicles.flexibility.static_condensation import condense
-from sim.vehicles.library import read_parameter_set
-from sim.vehicles.linear import frequency_response, held_response, linearise
+from sim.maneuvers import three_two_one_one
+from sim.vehicles.factory import RIGID_DERIVATIVES, flexible_model, frequency_response, held_response, linearise, rigid_model
+from sim.vehicles.flexibility import Flexibility, condense, flexibility
+from sim.vehicles.library import VehicleData, read_parameter_set
 from tests.oracles.quasi_static import quasi_static_error
 
 ELEVATOR = three_two_one_one(0.10471, 0.5, 1.0)(np.arange(801) * 0.01)

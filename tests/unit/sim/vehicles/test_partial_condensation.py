@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from sim.errors import ModelError
-from sim.vehicles.factory import flexible_model
-from sim.vehicles.flexibility.partial_condensation import condense_above
-from sim.vehicles.flexibility.static_condensation import condense
+from sim.vehicles.factory import flexible_model, frequency_response, linearise
+from sim.vehicles.flexibility import condense, condense_above
 from sim.vehicles.library import read_parameter_set
-from sim.vehicles.linear import frequency_response, linearise
 
 vehicles = pytest.mark.parametrize("vehicle", ["bomber_ac1", "bomber_ac2"])
 

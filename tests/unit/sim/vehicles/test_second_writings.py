@@ -15,14 +15,11 @@ from scipy.signal import cont2discrete, dlsim
 from scipy.stats import norm
 
 from sim.declaration.compile import compile_model
-from sim.maneuvers.steps import three_two_one_one
-from sim.vehicles.data import VehicleData
-from sim.vehicles.factory import ballistic_model, flexible_model, model_from_constants, rigid_model
-from sim.vehicles.flexibility import degree
-from sim.vehicles.flexibility.static_condensation import condense
-from sim.vehicles.flexibility.stiffness import with_frequency_factor
-from sim.vehicles.library import read_parameter_set
-from sim.vehicles.linear import held_response, linearise
+from sim.maneuvers import three_two_one_one
+from sim.vehicles import flexibility
+from sim.vehicles.factory import ballistic_model, flexible_model, held_response, linearise, model_from_constants, rigid_model
+from sim.vehicles.flexibility import condense, with_frequency_factor
+from sim.vehicles.library import VehicleData, read_parameter_set
 from sim.vehicles.loes import Loes
 from sim.vehicles.longitudinal import Longitudinal
 from sim.vehicles.short_period import ShortPeriod
@@ -127,14 +124,14 @@ def stiffened(factor: float) -> VehicleData:
 
 def documented_figures() -> dict[float, tuple[str, ...]]:
     """Rows of the table in the module's text: factor -> stiffness lost, separation, degree, distance, misfit."""
-    text = inspect.getdoc(degree) or ""
+    text = inspect.getdoc(flexibility) or ""
     rows = [line.replace("AC1", "").replace("AC2", "").split() for line in text.split("rigid serves\n")[1].splitlines()]
     return {float(row[0]): tuple(row[2:7]) for row in rows if len(row) > 7 and row[0][0].isdigit()}
 
 
 @pytest.mark.parametrize("factor", [4.0, 1.0, 0.5])
 def test_figures_of_flexibility_are_those_of_the_table_in_the_modules_text(factor: float) -> None:
-    found = degree.flexibility(stiffened(factor), ELEVATOR, 0.01, {"alpha": NOISE, "q": NOISE})
+    found = flexibility.flexibility(stiffened(factor), ELEVATOR, 0.01, {"alpha": NOISE, "q": NOISE})
     figures = (found.stiffness_loss, found.separation, found.degree, found.distance, found.misfit)
     for value, text in zip(figures, documented_figures()[factor], strict=True):
         assert value == pytest.approx(float(text), abs=0.501 * 10.0 ** -len(text.partition(".")[2])), text
@@ -142,7 +139,7 @@ def test_figures_of_flexibility_are_those_of_the_table_in_the_modules_text(facto
 
 def test_stiffness_lost_and_separation_in_closed_form() -> None:
     data = read_parameter_set("bomber_ac1")
-    found = degree.flexibility(data, ELEVATOR, 0.01, {"alpha": NOISE, "q": NOISE})
+    found = flexibility.flexibility(data, ELEVATOR, 0.01, {"alpha": NOISE, "q": NOISE})
 
     def stiffness(d: dict[str, float]) -> float:
         # w^2 = L_alpha M_q - L_q M_alpha with dimensional derivatives from eqs. 22-25 of the paper.
@@ -160,7 +157,7 @@ def test_stiffness_lost_and_separation_in_closed_form() -> None:
 
 
 def test_what_is_detectable_is_what_a_chi_squared_test_finds_nineteen_times_in_twenty() -> None:
-    found = degree.flexibility(read_parameter_set("bomber_ac1"), ELEVATOR, 0.01, {"alpha": NOISE, "q": NOISE})
+    found = flexibility.flexibility(read_parameter_set("bomber_ac1"), ELEVATOR, 0.01, {"alpha": NOISE, "q": NOISE})
     n = 2 * ELEVATOR.size
     # The energy of n residuals has mean n and standard deviation sqrt(2 n); 5 % false alarms and 95 % power are two of z.
     assert found.detectable**2 * n == pytest.approx((norm.ppf(0.95) + norm.ppf(0.95)) * math.sqrt(2 * n), rel=1e-9)

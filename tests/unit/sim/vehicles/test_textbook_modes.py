@@ -13,11 +13,9 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from sim.maths.constants import G0
-from sim.vehicles.data import Origin, VehicleData
-from sim.vehicles.factory import model_from_constants
-from sim.vehicles.library import read_parameter_set
-from sim.vehicles.linear import StateSpace, linearise
+from sim.maths import G0
+from sim.vehicles.factory import StateSpace, linearise, model_from_constants
+from sim.vehicles.library import Origin, VehicleData, read_parameter_set
 
 FOOT = 0.3048
 Result = Callable[[Mapping[str, float]], np.ndarray]

@@ -9,20 +9,19 @@ import pytest
 
 from sim.declaration.compile import compile_model
 from sim.errors import DeclarationError, FlightidError
-from sim.maths.elementary import complex_step_jacobian
-from sim.vehicles.data import Number, Origin, difference
+from sim.maths import complex_step_jacobian
 from sim.vehicles.factory import (
     RIGID_CONSTANTS,
     RIGID_DERIVATIVES,
     ballistic_model,
     flexible_model,
+    linearise,
     model_from_constants,
     model_of,
     rigid_model,
     vehicle_from_values,
 )
-from sim.vehicles.library import read_parameter_file, read_parameter_set
-from sim.vehicles.linear import linearise
+from sim.vehicles.library import Number, Origin, difference, read_parameter_file, read_parameter_set
 
 
 def roots(name: str, modes: int) -> list[complex]:

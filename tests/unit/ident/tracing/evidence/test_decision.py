@@ -14,7 +14,7 @@ from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for
 from sim.effects.model_discrepancy import discrepancy_for
 from sim.record import Record
-from sim.truth.noise import coloured_noise
+from sim.truth.measurement import coloured_noise
 from tests.diagnoses import NOISE
 from tests.tracing_problem import OUTPUTS, declared, planted, problem_of, with_output
 from tests.turbulence import rough_record

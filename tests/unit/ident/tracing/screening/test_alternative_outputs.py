@@ -11,10 +11,9 @@ from ident.tracing.screening.alternative_outputs import alternative_outputs
 from ident.whole_record.record_problem import record_problem
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name
-from sim.declaration.system import System
+from sim.declaration.model import System
 from sim.effects.library import find_effect
-from sim.propagation.grid import drive_from_record, make_grid
-from sim.propagation.integrate import propagate, simulate
+from sim.propagation import drive_from_record, make_grid, propagate, simulate
 from sim.record import Record
 from sim.vehicles.short_period import ShortPeriod
 from tests.bases import rigid_model

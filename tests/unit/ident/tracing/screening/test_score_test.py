@@ -16,10 +16,8 @@ from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, _resonances_first, screen
 from ident.tracing.screening.score_test import _start as start_of
-from sim.declaration.effect import Regularity, Signal, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.library import find_effect
@@ -28,7 +26,7 @@ from sim.effects.sensor_path.sensor_hold import SensorHold
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.effects.sensor_path.sensor_step import SensorStep
-from sim.maths.elementary import each_column
+from sim.maths import each_column
 from sim.vehicles.short_period import ShortPeriod
 from tests.tracing_problem import doublets, fit_of, planted, problem_of
 

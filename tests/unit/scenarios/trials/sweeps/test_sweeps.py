@@ -18,8 +18,8 @@ from scenarios.terminal.numbers import as_text
 from scenarios.trials.sweeps.declaration import SweepScenario, sweep_scenario_of
 from scenarios.trials.sweeps.flight import fly_sweep, true_loop, true_margins, true_parameters
 from scenarios.trials.sweeps.study import print_sweep, run_sweep, sweep_comparison
+from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import margins
-from sim.closed_loop.reader import load_x29
 from sim.errors import DeclarationError
 
 

@@ -24,7 +24,7 @@ from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.library import find_effect, guards_for
-from sim.maths.splines import combine, natural_shapes
+from sim.maths import combine, natural_shapes
 from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
 from tests.bases import LOES_CONSTANTS, LOES_VALUES, RIGID_VALUES, Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model

@@ -16,7 +16,7 @@ from sim.effects.dynamics.curves.drag_mach import DragMach
 from sim.effects.dynamics.density_scale_height import DensityScaleHeight
 from sim.effects.dynamics.drag_jump import DragJump
 from sim.effects.library import find_effect, guards_for
-from sim.maths.splines import combine
+from sim.maths import combine
 from sim.vehicles.ballistic import Ballistic
 from tests.bases import BALLISTIC_VALUES, ballistic_flight, ballistic_model, fly_model
 

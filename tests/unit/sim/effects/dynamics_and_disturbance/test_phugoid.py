@@ -16,7 +16,7 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import SearchContext
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.speed_variation import SpeedVariation
-from sim.maths.elementary import complex_step_jacobian
+from sim.maths import complex_step_jacobian
 from tests.bases import RIGID_VALUES, Flight, fly, fly_model, rigid_flight, rigid_model
 
 G = 9.80665

@@ -9,12 +9,11 @@ import pytest
 
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from sim.declaration.model import Model, System
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.errors import ModelError
-from sim.maths.elementary import complex_step_jacobian
+from sim.maths import complex_step_jacobian
 from tests.bases import fly_model, rigid_flight, rigid_model
 from tests.oracles.flexible_aircraft import FOOT, SPEED, flexible_aircraft, parameters_in_si, respond
 

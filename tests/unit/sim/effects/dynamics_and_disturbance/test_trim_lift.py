@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim.effects.trim_lift import weight_lift
-from sim.maths.constants import G0
+from sim.effects.loads import weight_lift
+from sim.maths import G0
 from tests.bases import LOES_CONSTANTS, RIGID_VALUES
 
 RIGID = SimpleNamespace(**RIGID_VALUES)

@@ -20,7 +20,7 @@ from sim.effects.dynamics.curves.control_weakening import ControlWeakening
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.guards.lagged_loads import LaggedLoads
 from sim.effects.library import effects_for, find_effect, guards_for
-from sim.maths.splines import combine, natural_shapes
+from sim.maths import combine, natural_shapes
 from sim.vehicles.lateral import Lateral
 from sim.vehicles.longitudinal import Longitudinal
 from tests.bases import (

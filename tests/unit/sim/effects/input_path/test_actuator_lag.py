@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.effects.input_path.actuator_lag import ActuatorLag
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 
 LAG = ActuatorLag()
 seeds = st.integers(0, 1000)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.effects.input_path.actuator_rate_limit import UNLIMITED, ActuatorRateLimit
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 
 seeds = st.integers(0, 1000)
 rates = st.floats(0.05, 50.0)

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from sim.effects.input_path.actuator_lag import ActuatorLag
 from sim.effects.input_path.actuator_second_order import UNLIMITED, ActuatorSecondOrder
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 
 SERVO = ActuatorSecondOrder()
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from sim.effects.input_path.input_backlash import InputBacklash
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 
 inputs = arrays(float, st.integers(1, 40), elements=st.sampled_from([-0.3, -0.1, 0.0, 0.0, 0.05, 0.1, 0.2, 0.4]))
 widths = st.floats(0.0, 0.5)

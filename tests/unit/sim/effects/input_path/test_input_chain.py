@@ -15,7 +15,7 @@ from sim.effects.input_path.actuator_saturation import ActuatorSaturation
 from sim.effects.input_path.input_backlash import InputBacklash
 from sim.effects.input_path.input_deadband import InputDeadband
 from sim.effects.input_path.input_delay import InputDelay
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 from tests.bases import RIGID_VALUES as V
 from tests.bases import Flight, fly, fly_model, rigid_model, three_two_one_one
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from sim.effects.input_path.input_delay import InputDelay
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 
 widths = arrays(float, st.integers(2, 30), elements=st.floats(1e-4, 2e-3))
 seeds = st.integers(0, 1000)

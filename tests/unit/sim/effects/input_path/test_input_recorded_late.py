@@ -11,7 +11,7 @@ from sim.declaration.compile import compile_model
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.input_path.input_recorded_late import InputRecordedLate
 from sim.errors import ModelError
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 from tests.bases import Flight, fly_model, rigid_flight, rigid_model
 
 

@@ -15,7 +15,7 @@ from sim.effects.input_path.actuator_saturation import ActuatorSaturation
 from sim.effects.input_path.input_backlash import InputBacklash
 from sim.effects.input_path.input_deadband import InputDeadband
 from sim.effects.instances import large_input
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 
 numbers = st.floats(-1e3, 1e3)
 sizes = st.floats(0.0, 1e3)

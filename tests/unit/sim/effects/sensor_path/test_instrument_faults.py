@@ -10,6 +10,7 @@ import pytest
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.declaration.proposal import SearchContext
+from sim.effects.airflow import at_arm
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.library import find_effect
@@ -20,8 +21,7 @@ from sim.effects.sensor_path.sensor_hold import SensorHold
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.effects.sensor_path.sensor_step import SensorStep
 from sim.effects.sensor_path.vane_offset import VaneOffset
-from sim.effects.vane import at_arm
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 from tests.bases import LEVEL, RIGID_VALUES, Flight, fly_model, loes_flight, loes_model, longitudinal_model, rigid_flight, rigid_model
 from tests.oracles.flexible_aircraft import parameters_in_si
 

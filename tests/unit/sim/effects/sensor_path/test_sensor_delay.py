@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.effects.earlier import APERTURE
 from sim.effects.sensor_path.sensor_delay import SensorDelay
-from sim.maths.elementary import COMPLEX_STEP
+from sim.effects.timing import APERTURE
+from sim.maths import COMPLEX_STEP
 
 DELAY = SensorDelay("nz")
 seeds = st.integers(0, 1000)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.effects.sensor_path.sensor_lag import SensorLag
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths import COMPLEX_STEP
 
 LAG = SensorLag("q")
 

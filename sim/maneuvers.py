@@ -1,0 +1,478 @@
+"""Maneuvers as functions of time: steps and their combinations, multisines, sweeps.
+
+A maneuver is a function of time that knows its exact mean over any interval, so a simulation meets
+a switch at its own time and not at the next step. Smooth ones are in ``sim.maneuvers``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Protocol
+
+import numpy as np
+
+from sim.errors import ModelError
+from sim.record import Hold
+
+# ---- Maneuvers that are constant between switches, and how maneuvers combine
+
+# A time this close to a switch, in s, is at the switch: samples at 0.01 k and sums of durations differ by rounding.
+SWITCH_TOLERANCE = 1e-9
+
+
+class Maneuver(Protocol):
+    """An input as a function of time.
+
+    Calling it gives the value at ``t`` (s, float or array), at a switch the new one; ``before(t)`` gives the
+    limit from the left; ``mean(begin, end)`` the exact mean over each interval (s, arrays); ``breakpoints`` the
+    times at which value or slope may jump, in order; ``hold`` how a record of its samples is best interpolated.
+    """
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]: ...
+    @property
+    def hold(self) -> Hold: ...
+    def __call__(self, t: Any) -> np.ndarray: ...
+    def before(self, t: Any) -> np.ndarray: ...
+    def mean(self, begin: Any, end: Any) -> np.ndarray: ...
+
+
+@dataclass(frozen=True)
+class MultiStep:
+    """Constant levels between switching times, zero before the first and after the last.
+
+    Attributes
+    ----------
+    levels : value in each interval, unit of the input.
+    times : switching times, one more than levels, s, increasing; the last may be infinite.
+
+    Raises
+    ------
+    ModelError : times that do not increase, numbers that are not finite, lengths that do not match.
+    """
+
+    levels: tuple[float, ...]
+    times: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.levels) == 0 or len(self.times) != len(self.levels) + 1:
+            raise _bad(
+                f"{len(self.levels)} level(s) and {len(self.times)} switching time(s)", "give one time more than levels, and at least one level"
+            )
+        if not all(math.isfinite(value) for value in (*self.levels, *self.times[:-1])) or math.isnan(self.times[-1]):
+            raise _bad("a level or a switching time is not a finite number", "give finite numbers")
+        if any(later - earlier <= SWITCH_TOLERANCE for earlier, later in zip(self.times[:-1], self.times[1:], strict=True)):
+            raise _bad("switching times do not increase", "give every interval a positive duration")
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        return tuple(time for time in self.times if math.isfinite(time))
+
+    @property
+    def hold(self) -> Hold:
+        return Hold.PREVIOUS
+
+    def __call__(self, t: Any) -> np.ndarray:
+        return self._padded[np.searchsorted(self._switches, np.asarray(t, dtype=float) + SWITCH_TOLERANCE, side="right")]
+
+    def before(self, t: Any) -> np.ndarray:
+        return self._padded[np.searchsorted(self._switches, np.asarray(t, dtype=float) - SWITCH_TOLERANCE, side="left")]
+
+    def mean(self, begin: Any, end: Any) -> np.ndarray:
+        begin, end = np.broadcast_arrays(np.asarray(begin, dtype=float), np.asarray(end, dtype=float))
+        first, last = (np.searchsorted(self._switches, begin, side="right"), np.searchsorted(self._switches, end, side="left"))
+        # Only intervals with a switch inside need noise_model; elsewhere the level itself is exact.
+        out = self._padded[first]
+        mixed = last > first
+        if np.any(mixed):
+            a, b = begin[mixed], end[mixed]
+            total = np.zeros(a.shape)
+            for level, start, stop in zip(self.levels, self.times[:-1], self.times[1:], strict=True):
+                total += level * np.maximum(0.0, np.minimum(b, stop) - np.maximum(a, start))
+            out = np.array(out)
+            out[mixed] = total / (b - a)
+        return out
+
+    @property
+    def _switches(self) -> np.ndarray:
+        return np.asarray(self.times)
+
+    @property
+    def _padded(self) -> np.ndarray:
+        return np.array([0.0, *self.levels, 0.0])
+
+
+def three_two_one_one(amplitude: float, unit: float, start: float = 0.0) -> MultiStep:
+    """The 3-2-1-1: steps of 3, 2, 1 and 1 ``unit`` (s) with alternating sign, the first of ``amplitude``, from ``start`` (s)."""
+    return alternating(amplitude, [3.0 * unit, 2.0 * unit, unit, unit], start)
+
+
+def doublet(amplitude: float, unit: float, start: float = 0.0) -> MultiStep:
+    """``amplitude`` for one ``unit`` (s), then its opposite for another, from ``start`` (s)."""
+    return alternating(amplitude, [unit, unit], start)
+
+
+def pulse(amplitude: float, unit: float, start: float = 0.0) -> MultiStep:
+    """``amplitude`` for one ``unit`` (s) from ``start`` (s)."""
+    return alternating(amplitude, [unit], start)
+
+
+def step(amplitude: float, start: float = 0.0) -> MultiStep:
+    """``amplitude`` from ``start`` (s) on, without end."""
+    return MultiStep((float(amplitude),), (float(start), math.inf))
+
+
+def alternating(amplitude: float, durations: Sequence[float], start: float = 0.0) -> MultiStep:
+    """Steps of alternating sign with the given durations (s), the first of ``amplitude``, from ``start`` (s)."""
+    for duration in durations:
+        if not (duration > SWITCH_TOLERANCE and math.isfinite(duration)):
+            raise _bad(f"a step lasts {duration:g} s", "give a positive duration")
+    times = [float(start)]
+    for duration in np.cumsum(durations):
+        times.append(float(start + duration))
+    return MultiStep(tuple(float(amplitude) * (-1.0) ** i for i in range(len(durations))), tuple(times))
+
+
+@dataclass(frozen=True)
+class Sum:
+    """Several maneuvers added; of none, an input at rest. A smooth part makes the record's hold linear."""
+
+    parts: tuple[Maneuver, ...] = ()
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        return tuple(sorted({time for part in self.parts for time in part.breakpoints}))
+
+    @property
+    def hold(self) -> Hold:
+        return Hold.LINEAR if any(part.hold is Hold.LINEAR for part in self.parts) else Hold.PREVIOUS
+
+    def __call__(self, t: Any) -> np.ndarray:
+        return sum((part(t) for part in self.parts), start=np.zeros(np.shape(t)))
+
+    def before(self, t: Any) -> np.ndarray:
+        return sum((part.before(t) for part in self.parts), start=np.zeros(np.shape(t)))
+
+    def mean(self, begin: Any, end: Any) -> np.ndarray:
+        return sum((part.mean(begin, end) for part in self.parts), start=np.zeros(np.broadcast_shapes(np.shape(begin), np.shape(end))))
+
+
+@dataclass(frozen=True)
+class Delayed:
+    """A maneuver that comes ``delay`` s later (earlier when negative)."""
+
+    part: Maneuver
+    delay: float
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.delay):
+            raise _bad(f"delay {self.delay}", "give a finite delay in s")
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        return tuple(time + self.delay for time in self.part.breakpoints)
+
+    @property
+    def hold(self) -> Hold:
+        return self.part.hold
+
+    def __call__(self, t: Any) -> np.ndarray:
+        return self.part(np.asarray(t) - self.delay)
+
+    def before(self, t: Any) -> np.ndarray:
+        return self.part.before(np.asarray(t) - self.delay)
+
+    def mean(self, begin: Any, end: Any) -> np.ndarray:
+        return self.part.mean(np.asarray(begin) - self.delay, np.asarray(end) - self.delay)
+
+
+def sequence(parts: Sequence[Maneuver], gap: float, start: float = 0.0) -> Sum:
+    """Maneuvers one after another: the first begins at ``start`` (s), each next ``gap`` (s) after the last break of the one before.
+
+    Raises ModelError for a negative gap or a part that never begins.
+    """
+    if not (gap >= 0 and math.isfinite(gap)):
+        raise _bad(f"gap {gap:g} s", "give a gap of zero or more")
+    placed: list[Maneuver] = []
+    at = float(start)
+    for part in parts:
+        if not part.breakpoints:
+            raise _bad("a part of the sequence has no beginning", "leave it out")
+        placed.append(Delayed(part, at - part.breakpoints[0]))
+        at = placed[-1].breakpoints[-1] + gap
+    return Sum(tuple(placed))
+
+
+def _bad(what: str, remedy: str) -> ModelError:
+    return ModelError(what, where="maneuver", remedy=remedy)
+
+
+# ---- Smooth maneuvers that spread their energy over a band
+
+_GAUSS_POINTS = 8
+_FINE = 32  # points in a period of the highest harmonic, where peaks are looked for
+_CLIPPINGS = 200
+_LEVELS = (0.75, 0.99)  # of the peak, at which the first and the last clipping cut
+
+
+@dataclass(frozen=True)
+class Multisine:
+    """A sum of harmonics of one period, repeated a whole number of times.
+
+    u = sum_i amplitudes_i cos(2 pi harmonics_i (t - start) / period + phases_i) on
+    ``[start, start + cycles period]``, zero outside. Disjoint harmonics are orthogonal over a period.
+    """
+
+    period: float
+    harmonics: tuple[int, ...]
+    amplitudes: tuple[float, ...]
+    phases: tuple[float, ...]
+    start: float = 0.0
+    cycles: int = 1
+
+    def __post_init__(self) -> None:
+        if not (self.period > 0 and math.isfinite(self.period)):
+            raise _multisine_bad("multisine", f"period {self.period:g} s", "give a positive period")
+        if not self.harmonics or len({len(self.harmonics), len(self.amplitudes), len(self.phases)}) != 1:
+            raise _multisine_bad(
+                "multisine", "harmonics, amplitudes and phases differ in number, or there are none", "give each harmonic one of both"
+            )
+        if any(harmonic < 1 or harmonic != int(harmonic) for harmonic in self.harmonics) or len(set(self.harmonics)) != len(self.harmonics):
+            raise _multisine_bad("multisine", f"harmonics {list(self.harmonics)}", "give different whole numbers from 1 on")
+        if not all(math.isfinite(v) for v in (*self.amplitudes, *self.phases, self.start)):
+            raise _multisine_bad("multisine", "a number is not finite", "give finite numbers")
+        if self.cycles < 1 or self.cycles != int(self.cycles):
+            raise _multisine_bad("multisine", f"{self.cycles} cycles", "give a whole number of cycles, at least one")
+
+    @property
+    def end(self) -> float:
+        """Time at which it is over, s."""
+        return self.start + self.cycles * self.period
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        return (self.start, self.end)
+
+    @property
+    def hold(self) -> Hold:
+        return Hold.LINEAR
+
+    def __call__(self, t: Any) -> np.ndarray:
+        t = np.asarray(t, dtype=float)
+        return np.where((t >= self.start - SWITCH_TOLERANCE) & (t < self.end - SWITCH_TOLERANCE), self._inside(t), 0.0)
+
+    def before(self, t: Any) -> np.ndarray:
+        t = np.asarray(t, dtype=float)
+        return np.where((t > self.start + SWITCH_TOLERANCE) & (t <= self.end + SWITCH_TOLERANCE), self._inside(t), 0.0)
+
+    def mean(self, begin: Any, end: Any) -> np.ndarray:
+        """Mean over each interval: a harmonic's mean is its value at the middle times sin(x)/x of half its phase advance."""
+        begin, end = np.broadcast_arrays(np.asarray(begin, dtype=float), np.asarray(end, dtype=float))
+        a, b = np.clip(begin, self.start, self.end), np.clip(end, self.start, self.end)
+        middle, width = 0.5 * (a + b), b - a
+        total = np.zeros(begin.shape)
+        for harmonic, amplitude, phase in zip(self.harmonics, self.amplitudes, self.phases, strict=True):
+            omega = 2.0 * math.pi * harmonic / self.period
+            total += amplitude * np.cos(omega * (middle - self.start) + phase) * np.sinc(omega * width / (2.0 * math.pi))
+        return total * width / (end - begin)
+
+    def _inside(self, t: np.ndarray) -> np.ndarray:
+        total = np.zeros(t.shape)
+        for harmonic, amplitude, phase in zip(self.harmonics, self.amplitudes, self.phases, strict=True):
+            total += amplitude * np.cos(2.0 * math.pi * harmonic * (t - self.start) / self.period + phase)
+        return total
+
+
+def schroeder_multisine(rms: float, period: float, harmonics: Sequence[int], start: float = 0.0, cycles: int = 1) -> Multisine:
+    """A multisine of equal amplitudes with Schroeder's phases, shifted in time so that it begins and ends at zero.
+
+    phase_i = -pi i (i - 1) / n keeps the peaks low (Schroeder, IEEE Trans. Information Theory 16(1), 1970).
+    ``rms`` in the input's unit over a period, ``period`` and ``start`` in s.
+    """
+    count = len(harmonics)
+    if not (math.isfinite(rms) and count):
+        raise _multisine_bad("multisine", f"rms {rms} over {count} harmonic(s)", "give a finite rms and at least one harmonic")
+    phases = [-math.pi * i * (i - 1) / count for i in range(1, count + 1)]
+    amplitude = rms * math.sqrt(2.0 / count)
+    plain = Multisine(period, tuple(harmonics), (amplitude,) * count, tuple(phases), 0.0)
+    shift = _first_zero(plain)
+    turned = tuple(phase + 2.0 * math.pi * harmonic * shift / period for harmonic, phase in zip(harmonics, phases, strict=True))
+    return Multisine(period, tuple(harmonics), (amplitude,) * count, turned, start, cycles)
+
+
+def orthogonal_multisines(
+    rms: Sequence[float], period: float, lowest: int, highest: int, start: float = 0.0, cycles: int = 1
+) -> tuple[Multisine, ...]:
+    """One multisine an input, harmonics ``lowest`` to ``highest`` dealt out in turn, hence mutually orthogonal over a period.
+
+    Raises ModelError when an input would be left without a harmonic.
+    """
+    if highest - lowest + 1 < len(rms):
+        raise _multisine_bad("multisine", f"harmonics {lowest} to {highest} for {len(rms)} inputs", "give at least one harmonic an input")
+    dealt = [range(lowest + i, highest + 1, len(rms)) for i in range(len(rms))]
+    return tuple(schroeder_multisine(level, period, list(own), start, cycles) for level, own in zip(rms, dealt, strict=True))
+
+
+def least_peak_multisine(
+    rms: float,
+    period: float,
+    harmonics: Sequence[int],
+    start: float = 0.0,
+    cycles: int = 1,
+    shares: Sequence[float] | None = None,
+) -> Multisine:
+    """``schroeder_multisine`` with its phases improved until the peaks hardly fall any more.
+
+    ``shares`` : relative amplitudes of the harmonics; None for equal ones.
+
+    Peaks are clipped and the phases of what is left kept, the clipping ever slighter (Van der Ouderaa, Schoukens and Renneboog, IEEE Trans.
+    Instrumentation and Measurement 37(1), 1988); of all that was passed the lowest peak is taken, so it is never above Schroeder's.
+    """
+    first = schroeder_multisine(rms, period, harmonics, 0.0)
+    at, count = np.asarray(first.harmonics), _FINE * max(first.harmonics)
+    size, phases = np.asarray(first.amplitudes), np.asarray(first.phases)
+    if shares is not None:
+        relative = np.asarray(shares, dtype=float)
+        if relative.shape != size.shape or not (np.all(np.isfinite(relative)) and np.all(relative > 0.0)):
+            raise _multisine_bad("multisine", f"shares {list(shares)}", "give one above zero for each harmonic")
+        size = size * relative * math.sqrt(size.size / float(relative @ relative))
+    best, lowest = phases, math.inf
+    for step in range(_CLIPPINGS):
+        spectrum = np.zeros(count // 2 + 1, dtype=complex)
+        spectrum[at] = 0.5 * count * size * np.exp(1j * phases)
+        u = np.fft.irfft(spectrum, count)
+        peak = float(np.max(np.abs(u)))
+        if peak < lowest:
+            best, lowest = phases, peak
+        level = peak * (_LEVELS[0] + (_LEVELS[1] - _LEVELS[0]) * step / _CLIPPINGS)
+        phases = np.angle(np.fft.rfft(np.clip(u, -level, level))[at])
+    amplitudes = tuple(size.tolist())
+    plain = Multisine(period, first.harmonics, amplitudes, tuple(best.tolist()), 0.0)
+    shift = _first_zero(plain)
+    turned = tuple(phase + 2.0 * math.pi * harmonic * shift / period for harmonic, phase in zip(first.harmonics, best.tolist(), strict=True))
+    return Multisine(period, first.harmonics, amplitudes, turned, start, cycles)
+
+
+def peak_factor(multisine: Multisine) -> float:
+    """Largest magnitude over root mean square, of a sine the root of two."""
+    t = np.arange(_FINE * max(multisine.harmonics)) * multisine.period / (_FINE * max(multisine.harmonics))
+    u = multisine._inside(t)
+    return float(np.max(np.abs(u)) / np.sqrt(np.mean(u**2)))
+
+
+def _first_zero(multisine: Multisine) -> float:
+    """First upward zero of a multisine within its period, s, by bisection; it has zero mean, so there is one."""
+    t = np.linspace(0.0, multisine.period, 32 * max(multisine.harmonics) + 1)
+    u = multisine._inside(t)
+    if not np.any(u):
+        return 0.0
+    at = int(np.argmax((u[:-1] <= 0) & (u[1:] > 0)))
+    low, high = float(t[at]), float(t[at + 1])
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        if multisine._inside(np.asarray(middle)) <= 0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def _multisine_bad(where: str, what: str, remedy: str) -> ModelError:
+    return ModelError(what, where=where, remedy=remedy)
+
+
+# ---- A sine of rising frequency as an input
+
+
+class Spacing(Enum):
+    """How a sweep passes through its frequencies."""
+
+    LINEAR = "equal time for equal frequency differences"
+    LOGARITHMIC = "equal time for equal frequency ratios"
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sinusoid whose frequency runs through a band, with cosine tapers at both ends.
+
+    u = amplitude w(t) sin(phi(t)), phi(start) = 0; phi' runs from ``low`` to ``high``; w rises as
+    (1 - cos)/2 over ``taper`` s and falls likewise. Zero outside ``[start, start + duration]``.
+
+    Attributes
+    ----------
+    amplitude : in the input's unit.
+    low, high : rad/s, ``0 < low``; ``high`` may lie below ``low``.
+    duration, start, taper : s; two tapers fit into the duration.
+    """
+
+    amplitude: float
+    low: float
+    high: float
+    duration: float
+    start: float = 0.0
+    taper: float = 0.0
+    spacing: Spacing = Spacing.LINEAR
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(v) for v in (self.amplitude, self.low, self.high, self.duration, self.start, self.taper)):
+            raise _multisine_bad("sweep", "a number is not finite", "give finite numbers")
+        if not (self.low > 0 and self.high > 0):
+            raise _multisine_bad("sweep", f"band {self.low:g} to {self.high:g} rad/s", "give positive frequencies")
+        if not self.duration > 0:
+            raise _multisine_bad("sweep", f"duration {self.duration:g} s", "give a positive duration")
+        if not 0 <= self.taper <= 0.5 * self.duration:
+            raise _multisine_bad("sweep", f"taper {self.taper:g} s", "give a taper between zero and half the duration")
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        end = self.start + self.duration
+        inner = (self.start + self.taper, end - self.taper) if self.taper > 0 else ()
+        return tuple(sorted({self.start, *inner, end}))
+
+    @property
+    def hold(self) -> Hold:
+        return Hold.LINEAR
+
+    def __call__(self, t: Any) -> np.ndarray:
+        s = np.asarray(t, dtype=float) - self.start
+        return np.where((s >= -SWITCH_TOLERANCE) & (s < self.duration - SWITCH_TOLERANCE), self._inside(s), 0.0)
+
+    def before(self, t: Any) -> np.ndarray:
+        s = np.asarray(t, dtype=float) - self.start
+        return np.where((s > SWITCH_TOLERANCE) & (s <= self.duration + SWITCH_TOLERANCE), self._inside(s), 0.0)
+
+    def mean(self, begin: Any, end: Any) -> np.ndarray:
+        """Mean over each interval by Gauss-Legendre panels short against the period: exact to rounding."""
+        begin, end = np.broadcast_arrays(np.asarray(begin, dtype=float), np.asarray(end, dtype=float))
+        panel = 0.5 / max(self.low, self.high)
+        nodes, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
+        out = np.empty(begin.shape)
+        inner = np.asarray(self.breakpoints)
+        for index in np.ndindex(begin.shape):
+            a, b = begin[index], end[index]
+            cuts = np.concatenate([[a], inner[(inner > a) & (inner < b)], [b]])
+            counts = np.maximum(1, np.ceil(np.diff(cuts) / panel)).astype(int)
+            edges = np.append(np.concatenate([np.linspace(c, d, n, endpoint=False) for c, d, n in zip(cuts[:-1], cuts[1:], counts, strict=True)]), b)
+            half = 0.5 * np.diff(edges)
+            at = (edges[:-1] + half)[:, None] + half[:, None] * nodes
+            out[index] = np.sum(self(at) * weights * half[:, None]) / (b - a)
+        return out
+
+    def _inside(self, s: np.ndarray) -> np.ndarray:
+        s = np.clip(s, 0.0, self.duration)
+        ratio = self.high / self.low
+        if self.spacing is Spacing.LINEAR:
+            phase = s * (self.low + 0.5 * (self.high - self.low) * s / self.duration)
+        elif ratio == 1.0:
+            phase = self.low * s
+        else:
+            rate = math.log(ratio) / self.duration
+            phase = self.low * np.expm1(rate * s) / rate
+        window = np.ones_like(s)
+        if self.taper > 0:
+            edge = np.minimum(np.minimum(s, self.duration - s) / self.taper, 1.0)
+            window = 0.5 * (1.0 - np.cos(np.pi * edge))
+        return self.amplitude * window * np.sin(phase)

@@ -1,1 +1,0 @@
-"""Inputs: steps, sweep, multisine."""

@@ -1,1 +1,0 @@
-"""Functions that broadcast and survive a complex step."""

@@ -1,1 +1,0 @@
-"""Time grids and integrators."""

@@ -1,1 +1,0 @@
-"""Elastic modes condensed into rigid derivatives, and how flexible an aircraft is."""
