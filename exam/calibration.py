@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.statistics.shares import clopper_pearson
+from ident.statistics.intervals import clopper_pearson
 
 EDGES = (0.05, 0.2, 0.5, 0.8, 0.95, 1.0)
 

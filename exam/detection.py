@@ -17,7 +17,7 @@ import numpy as np
 
 from exam.aircraft import NOISE, USUAL, drawn_aircraft
 from exam.scoring import same_fault
-from ident.statistics.shares import clopper_pearson
+from ident.statistics.intervals import clopper_pearson
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record

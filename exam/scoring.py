@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from ident.statistics.shares import clopper_pearson, clustered_share
+from ident.statistics.intervals import clopper_pearson, clustered_share
 from sim.effects.library import traits_of
 
 RESAMPLING_SEED = 1  # the same flights give the same interval

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.signal import chirp, lfilter
 
-from ident.maneuver_detection import Maneuver, Signals
+from ident.maneuver_detection import FlightSignals, Maneuver
 
 STEP = 0.02  # s, of the march
 LENGTH = 1200.0  # s
@@ -61,7 +61,7 @@ class Known:
 class LongFlight:
     """The record of a flight as its recorder wrote it, and what was flown. ``quiet``: hands off before a maneuver, s."""
 
-    signals: Signals
+    signals: FlightSignals
     known: tuple[Known, ...]
     quiet: tuple[tuple[float, float], ...]
     turbulence: float
@@ -369,7 +369,7 @@ def _recorded(
     channels = {name: values[kept] + aircraft["noise"] * noise[name] * rng.standard_normal(values[kept].size) for name, values in clean.items()}
     inputs = {name: channels.pop(name) for name in CONTROLS.values()}
     return LongFlight(
-        Signals(time[kept], inputs, channels),
+        FlightSignals(time[kept], inputs, channels),
         tuple(script.known),
         tuple(script.quiet),
         aircraft["sigma"],

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.recording.finding import Expectations
+from ident.recording.series import Expectations
 from sim.record import Channel, Record
 
 UNITS = {"elevator": "rad", "alpha": "rad", "q": "rad/s", "nz": "g", "theta": "rad", "airspeed": "m/s", "altitude": "m"}

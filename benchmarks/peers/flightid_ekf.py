@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.peers.flightid_model import declared, record_of
 from benchmarks.peers.names import OUTPUTS
 from benchmarks.peers.short_period import Problem
-from ident.banks.single_filter import filter_batched
+from ident.banks.bank import filter_batched
 from ident.filters.ekf import run_ekf
 from sim.declaration.compile import compile_model
 

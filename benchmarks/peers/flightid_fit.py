@@ -9,7 +9,8 @@ import numpy as np
 from benchmarks.peers.flightid_model import declared, record_of
 from benchmarks.peers.names import OUTPUTS
 from benchmarks.peers.short_period import Problem
-from ident.whole_record.output_error import FitSettings, fit_output_error
+from ident.whole_record.layout import FitSettings
+from ident.whole_record.output_error import fit_output_error
 from sim.declaration.compile import compile_model
 
 

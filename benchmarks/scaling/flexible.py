@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.names import DERIVATIVES, OUTPUTS
-from ident.banks.single_filter import filter_batched
+from ident.banks.bank import filter_batched
 from ident.filters.ekf import run_ekf
-from ident.whole_record.output_error import FitSettings, fit_output_error
+from ident.whole_record.layout import FitSettings
+from ident.whole_record.output_error import fit_output_error
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.estimating import assumed_noise, declared_model, flight_constants
 from scenarios.studies.flying import fly_scenario

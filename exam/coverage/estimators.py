@@ -20,7 +20,7 @@ import numpy as np
 
 from exam.coverage.independent_flights import MODELS, NOISES, Flight, flown
 from exam.options import Parser
-from ident.statistics.shares import clopper_pearson, clustered_share
+from ident.statistics.intervals import clopper_pearson, clustered_share
 from scenarios.identification.from_files import identify_files
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.request import Request
@@ -100,7 +100,7 @@ def statistics(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     """Coverage of one cell's settled runs, all parameters together, and its interval.
 
     Parameters of one run are not independent: the interval is one over runs drawn again
-    (`ident.statistics.shares`). ``worst``: the parameter that is covered least, with Clopper and
+    (`ident.statistics.intervals`). ``worst``: the parameter that is covered least, with Clopper and
     Pearson's interval. ``bias``: the largest mean error of a parameter, in sigmas. ``scale``: the
     factor by which sigmas would have to be larger to hold 95.4 % of the errors.
     """

@@ -9,7 +9,7 @@ import numpy as np
 from exam.calibration import Statement, reliability
 from exam.random_cases.case import CaseScore
 from exam.random_cases.kinds import KINDS
-from ident.statistics.shares import clopper_pearson, clustered_share
+from ident.statistics.intervals import clopper_pearson, clustered_share
 from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.planted.hiding import OWN
 

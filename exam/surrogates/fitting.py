@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
-from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from ident.whole_record.output_error import estimate_of
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.statistics.normal_equations import local_model, unresolved
-from ident.whole_record.fit_problem import FitProblem
+from ident.statistics.information import local_model, unresolved
 from ident.whole_record.gauss_newton import evaluate
-from ident.whole_record.layout import FitLayout, FitSettings, lay_out
+from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_out
 from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.record import Record

@@ -1,6 +1,12 @@
-"""Many extended Kalman filters in one batched pass: banks of delays, Monte-Carlo campaigns.
+"""Banks of extended Kalman filters: one batched pass, one filter, and the iterated filter.
 
-The same filter as `ident.filters.ekf`, with runs on a batch axis (`ident.banks.one_pass`); it agrees with filterpy's to rounding.
+A pass goes over its samples in stretches: by the table of its equations where they have one (`ident.banks.equation_kernels`), else step by
+step (`ident.banks.equation_kernels`). What broke down is looked for once a stretch.
+
+The same filter as `ident.filters.ekf`, with runs on a batch axis (`ident.banks.bank`); it agrees with filterpy's to rounding.
+
+The smoothed trajectory to linearise about comes from the modified Bryson-Frazier recursion, which inverts nothing but
+the innovations' covariance (Bierman, "Fixed Interval Smoothing with Discrete Measurements", Int. J. Control 18(1), 1973).
 """
 
 from __future__ import annotations
@@ -11,14 +17,125 @@ from functools import partial
 
 import numpy as np
 
-from ident.banks.one_pass import run_pass
-from ident.banks.runs import BankHistory, BankPass, BankRuns
-from ident.filters.ekf import SETTLED, FilterSettings
-from ident.filters.problem import FilterProblem, filter_problem
+from ident.banks.equation_kernels import (
+    BankHistory,
+    BankPass,
+    BankRuns,
+    BankTrace,
+    PassStretch,
+    decorrelated,
+    empty_trace,
+    march_of_steps,
+    march_of_table,
+    values_and_jacobians,
+)
+from ident.banks.row_kernel import pass_side_by_side
+from ident.estimate import LARGEST, Estimate, FilterHistory, Outcome
+from ident.filters.ekf import SETTLED, FilterSettings, filter_by_filterpy, filter_by_table
+from ident.filters.problem import FilterProblem, filter_problem, with_free
 from sim.declaration.model import System
 from sim.errors import ModelError
+from sim.maths import COMPLEX_STEP
 from sim.propagation import drive_from_record
 from sim.record import Record
+
+# ---- One pass of many extended Kalman filters over one time base, runs on a batch axis
+
+LOG_TWO_PI = float(np.log(2.0 * np.pi))
+_STRETCH = 32  # samples; more gain nothing and cost memory
+
+
+def run_pass(
+    problem: FilterProblem,
+    settings: FilterSettings,
+    runs: BankRuns,
+    keep: bool,
+    about: np.ndarray | None = None,
+    trace: BankTrace | None = None,
+    *,
+    in_rows: bool = False,
+) -> BankPass:
+    """Filter all runs once. A run that breaks down keeps the mean and covariance of its last sound sample.
+
+    ``about (n, N, B)`` is a trajectory to linearise about instead of the filter's own; ``trace`` is filled where given. ``in_rows`` asks
+    for `ident.banks.row_kernel` where the equations have a table: from a hundred runs on the faster way, and below the slower one, by
+    which no run's numbers depend on which others there are.
+    """
+    if in_rows and about is None and trace is None:
+        plain = pass_side_by_side(problem, settings, runs, keep)
+        if plain is not None:
+            return plain
+    (n, B), (m, N) = runs.start.shape, problem.valid.shape
+    x, P = runs.start, np.array(np.broadcast_to(problem.covariance, (B, n, n)), order="C")
+    last_x, last_P, sound = x, P, np.ones(B, dtype=bool)
+    log_likelihood, nis = np.zeros(B), np.zeros((N, B))
+    history = BankHistory(np.zeros((m, N, B)), np.ones((m, N, B)), np.zeros((n, N, B)), np.zeros((n, N, B))) if keep else None
+    with np.errstate(all="ignore"):
+        march = march_of_table(problem, settings, runs) or march_of_steps(problem, settings, runs)
+        for first in range(0, N, _STRETCH):
+            last = min(first + _STRETCH, N)
+            done = march(first, last, x, P, about, trace)
+            x, P = done.mean[-1].T, done.covariance[-1]
+            gained, squared = worth(done.innovation, problem.valid[:, first:last])
+            good = sound_so_far(done, squared, sound)
+            log_likelihood = log_likelihood + np.where(good, gained, 0.0).sum(axis=0)
+            nis[first:last] = np.where(good, squared, 0.0)
+            if trace is not None:
+                trace.mean[first:last], trace.covariance[first:last] = done.mean.transpose(0, 2, 1), done.covariance
+            if history is not None:
+                _keep(history, slice(first, last), done, good, (last_x, last_P))
+            last_x, last_P, sound = *_kept(done, good, last_x, last_P), good[-1]
+    # What rounding left unsymmetric in between is of its own order; the rows of the states are mirrored in every step.
+    return BankPass(last_x, 0.5 * (last_P + np.swapaxes(last_P, 1, 2)), log_likelihood, nis, sound, history)
+
+
+def worth(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Log-likelihood gained and normalised square, ``(K, B)`` each, of innovations ``(K, B, m, 1 + m)`` as in ``Stretch``; ``valid (m, K)``."""
+    rows = innovation.copy()
+    variance = decorrelated(rows)
+    squared = (rows[..., 0] ** 2 / variance).sum(axis=-1)
+    channels = np.count_nonzero(valid, axis=0)[:, None]
+    return -0.5 * (squared + np.log(variance).sum(axis=-1) + channels * LOG_TWO_PI), squared
+
+
+def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Which runs hold numbers that serve up to each sample, finite and no negative variance: ``(K, B)``, from ``before (B,)``."""
+    variance = np.diagonal(done.covariance, axis1=2, axis2=3)
+    # What is not finite stays so: the last sample tells of all. Sums of squares are the cheapest bound, and a NaN fails the comparison.
+    ends = [each.ravel() for each in (done.mean[-1], done.covariance[-1], squared)]
+    if before.all() and sum(np.vdot(each, each) for each in ends) < LARGEST**2 and variance.min() >= 0.0:
+        return np.ones(squared.shape, dtype=bool)
+    good = np.all(np.abs(done.mean) < LARGEST, axis=2) & np.all(np.abs(done.covariance) < LARGEST, axis=(2, 3))
+    good &= np.all(variance >= 0.0, axis=2) & (np.abs(squared) < LARGEST)
+    return np.logical_and.accumulate(good, axis=0) & before
+
+
+def _kept(done: PassStretch, good: np.ndarray, x: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last sound sample; ``x`` and ``P`` are those before the stretch."""
+    if good[-1].all():
+        return done.mean[-1].T, done.covariance[-1]
+    out_x, out_P, count = x.copy(), P.copy(), np.count_nonzero(good, axis=0)
+    for run in np.flatnonzero(count):
+        out_x[:, run], out_P[run] = done.mean[count[run] - 1, run], done.covariance[count[run] - 1, run]
+    return out_x, out_P
+
+
+def _keep(history: BankHistory, at: slice, done: PassStretch, good: np.ndarray, before: tuple[np.ndarray, np.ndarray]) -> None:
+    """Write a stretch into the history; runs that broke down stay where they were."""
+    mean, variance = done.mean, np.diagonal(done.covariance, axis1=2, axis2=3)
+    if not good.all():
+        count = np.count_nonzero(good, axis=0)
+        row = np.minimum(np.arange(len(mean))[:, None], count - 1)  # the last sound sample so far, -1 where it lies before the stretch
+        mean = np.where((row >= 0)[:, :, None], np.take_along_axis(mean, np.maximum(row, 0)[:, :, None], axis=0), before[0].T)
+        variance_before = np.diagonal(before[1], axis1=1, axis2=2)
+        variance = np.where((row >= 0)[:, :, None], np.take_along_axis(variance, np.maximum(row, 0)[:, :, None], axis=0), variance_before)
+    history.mean[:, at], history.std[:, at] = mean.transpose(2, 0, 1), np.sqrt(np.maximum(variance, 0.0)).transpose(2, 0, 1)
+    y, S = done.innovation[..., 0], np.diagonal(done.innovation[..., 1:], axis1=2, axis2=3)
+    history.innovation[:, at] = np.where(good[:, :, None], y, 0.0).transpose(2, 0, 1)
+    history.innovation_std[:, at] = np.where(good[:, :, None], np.sqrt(S), 1.0).transpose(2, 0, 1)
+
+
+# ---- Many extended Kalman filters in one batched pass: banks of delays, Monte-Carlo campaigns
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,3 +287,173 @@ def _merged(old: BankPass, new: BankPass, at: np.ndarray) -> BankPass:
         put(old.sound, new.sound),
         history,
     )
+
+
+# ---- The own kernel for one filter with its whole history
+
+
+def filter_alone(record: Record, system: System, settings: FilterSettings | None = None, about: np.ndarray | None = None) -> Estimate:
+    """One pass of one filter by the own kernel, with everything a smoother or a report asks for.
+
+    ``about (n, N)`` is a trajectory at the samples to linearise about, instead of the filter's own estimate.
+
+    Raises
+    ------
+    ModelError : as for ``run_bank``.
+    """
+    settings = settings or FilterSettings()
+    return filter_batched(filter_problem(record, system, settings.max_step), settings, about=about)
+
+
+def filter_batched(problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None) -> Estimate:
+    """``filter_by_filterpy`` by the own kernel: by the table of the equations, else by a bank of one run. Arguments as there.
+
+    A filter that breaks down is left to ``filter_by_filterpy``, which says how.
+    """
+    by_table = filter_by_table(problem, settings, start, about)
+    if by_table is not None:
+        return by_table
+    first = problem.start if start is None else start
+    runs = BankRuns(list(problem.p), problem.drive, problem.z[:, :, None], np.asarray(first, dtype=float).reshape(-1, 1).copy())
+    system, trace = problem.system, empty_trace(problem, 1)
+    result = run_pass(problem, settings, runs, False, None if about is None else about[:, :, None], trace)
+    if not result.sound[0]:
+        return filter_by_filterpy(problem, settings, start, about)
+    history, fitted = _history(problem, trace, about)
+    n_x = len(system.states)
+    names = problem.names[n_x:]
+    return Estimate(
+        "ekf",
+        names,
+        tuple(system.parameters[name].unit for name in names),
+        result.mean[n_x:, 0].copy(),
+        result.covariance[0, n_x:, n_x:].copy(),
+        Outcome.CONVERGED,
+        float(history.log_likelihood.sum()),
+        system.output_names,
+        np.sqrt(problem.variance),
+        (fitted,),
+        history,
+    )
+
+
+def _history(problem: FilterProblem, trace: BankTrace, about: np.ndarray | None) -> tuple[FilterHistory, np.ndarray]:
+    """The history of a pass of one run, and the outputs ``(m, N)`` that the filter expected, also of channels without a sample."""
+    system, N, n, n_x = problem.system, len(problem.time), len(problem.names), len(problem.system.states)
+    mean, covariance = trace.mean[:, :, 0], trace.covariance[:, 0]
+    HP, S, y = trace.HP[:, 0], trace.S[:, 0], trace.y[:, 0]
+    # What the update took from the prediction, put back.
+    gain = np.swapaxes(np.linalg.solve(S, HP), 1, 2)
+    before, P_before = mean - (gain @ y[:, :, None])[:, :, 0], covariance + gain @ HP
+    transition = np.array(np.broadcast_to(np.eye(n), (N, n, n)))
+    transition[1:, :n_x] += trace.moved[1:, 0]
+    at = problem.grid.sample
+    point = before.T if about is None else about
+    inputs = [row[at] for row in problem.drive.begin]
+    outputs, slopes = values_and_jacobians(
+        lambda a: system.h(problem.grid.edges[at], a[:n_x], inputs, with_free(problem.p, problem.free, a[n_x:])),
+        point,
+        (1j * COMPLEX_STEP) * np.eye(n)[:, :, None],
+    )
+    gained, squared = worth(np.concatenate([y[:, None, :, None], S[:, None]], axis=3), problem.valid)
+    history = FilterHistory(
+        problem.time,
+        problem.names,
+        mean.T.copy(),
+        np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2).T, 0.0)),
+        y.T.copy(),
+        np.sqrt(np.diagonal(S, axis1=1, axis2=2).T),
+        problem.valid.copy(),
+        gained[:, 0],
+        squared[:, 0],
+        np.count_nonzero(problem.valid, axis=0),
+        before.T.copy(),
+        P_before,
+        covariance.copy(),
+        transition,
+        trace.H[:, 0].copy(),
+        S.copy(),
+    )
+    return history, outputs + (slopes @ (before - point.T)[:, :, None])[:, :, 0].T
+
+
+# ---- The iterated extended Kalman filter for many runs at once
+
+ITERATIONS = 15
+
+
+def run_iterated_bank(
+    record: Record,
+    system: System,
+    settings: FilterSettings | None = None,
+    *,
+    held: Mapping[str, np.ndarray] | None = None,
+    about: np.ndarray | None = None,
+    iterations: int = ITERATIONS,
+    tolerance: float = SETTLED,
+) -> tuple[BankEstimate, np.ndarray]:
+    """Run B filters, each linearised anew about its own smoothed result until none moves further.
+
+    Parameters
+    ----------
+    record, system, settings, held : as for ``run_bank``; ``settings.passes`` is not used.
+    about : ``(n, N, B)`` or ``(n, N, 1)``, a trajectory for the first pass, e.g. that of a run nearby; the filter's own when None.
+    tolerance : a run has settled when no parameter moves by more than this many sigmas.
+    iterations : limit of passes. A run that has not settled by then, or broke down, is not sound.
+
+    Returns
+    -------
+    The last pass and its smoothed trajectories ``(n, N, B)``.
+
+    Raises
+    ------
+    ModelError : as for ``run_bank``.
+    """
+    settings = settings or FilterSettings()
+    problem, runs = bank_runs(record, system, settings, held=held)
+    n_x, count = len(system.states), runs.start.shape[1]
+    if about is not None:
+        about = np.array(np.broadcast_to(about, (len(problem.names), len(problem.time), count)))
+    before, settled, passes = None, np.zeros(count, dtype=bool), 0
+    while True:
+        passes += 1
+        trace = empty_trace(problem, count)
+        result = run_pass(problem, settings, runs, False, about, trace)
+        with np.errstate(all="ignore"):
+            about = smoothed(trace)
+        # A run that broke down is linearised at the start; it only must not disturb the others.
+        about[:, :, ~result.sound] = runs.start[:, None, ~result.sound]
+        if before is not None:
+            std = np.sqrt(np.maximum(np.diagonal(result.covariance, axis1=1, axis2=2).T[n_x:], np.finfo(float).tiny))
+            settled = np.max(np.abs(result.mean[n_x:] - before) / std, axis=0, initial=0.0) < tolerance
+            if np.all(settled | ~result.sound):
+                break
+        if passes == iterations:
+            break
+        before = result.mean[n_x:]
+    return bank_estimate(problem, result, np.full(count, passes), sound=result.sound & settled), about
+
+
+def smoothed(trace: BankTrace) -> np.ndarray:
+    """Means given all samples, ``(n, N, B)``, of the linear problem that a pass solved.
+
+    lambda[k] = l - H^T S^-1 (H P l + y) with l = Phi[k+1]^T lambda[k+1] and zero at the end; x_s = x - P_filtered l.
+    """
+    N, n, B = trace.mean.shape
+    n_x = trace.moved.shape[2]
+    inverse = _inverse(trace.S)
+    out = np.empty((n, N, B))
+    later = np.zeros((B, n, 1))
+    for k in range(N - 1, -1, -1):
+        out[:, k] = trace.mean[k] - (trace.covariance[k] @ later)[:, :, 0].T
+        weighed = inverse[k] @ (trace.HP[k] @ later + trace.y[k][:, :, None])
+        here = later - np.swapaxes(trace.H[k], 1, 2) @ weighed
+        later = here + np.swapaxes(trace.moved[k], 1, 2) @ here[:, :n_x]
+    return out
+
+
+def _inverse(S: np.ndarray) -> np.ndarray:
+    try:
+        return np.linalg.inv(S)
+    except np.linalg.LinAlgError:
+        return np.linalg.pinv(np.nan_to_num(S))

@@ -7,19 +7,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.compatibility.fault_sets import clocks, reference_sentence
-from ident.compatibility.faults import DRIFT, SensorFault, faults_of
-from ident.compatibility.fitting import Fit, fit
-from ident.compatibility.instruments import instruments_of, shortened, weigher
-from ident.compatibility.noise import smoothed_walk
-from ident.compatibility.observability import cannot_tell
-from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
-from ident.compatibility.search import Searched, search
-from ident.compatibility.signals import measured_channels, relations, signals_of
+from ident.compatibility.fault_sets import FaultSearch, clocks, reference_sentence, search
+from ident.compatibility.fitting import KinematicFit, cannot_tell, fit
+from ident.compatibility.kinematics import DRIFT, SensorFault, faults_of
+from ident.compatibility.signals import instruments_of, measured_channels, relations, shortened, signals_of, smoothed_walk, weigher
 from ident.compatibility.six_degrees.check import channels_of, has_six_degrees
 from ident.compatibility.six_degrees.check import check as six_degrees
-from ident.compatibility.six_degrees.level_wings import LEVEL, misled_by_bank
-from ident.compatibility.trials import Trial, bias_estimates, estimate_of, tried, with_more_faults
+from ident.compatibility.six_degrees.kinematics import LEVEL, misled_by_bank
+from ident.compatibility.trials import (
+    CheckResult,
+    Compatibility,
+    CompatibilitySettings,
+    Reconstruction,
+    SensorEstimate,
+    Trial,
+    bias_estimates,
+    estimate_of,
+    tried,
+    with_more_faults,
+)
 from sim.errors import RecordError
 from sim.record import Record
 
@@ -114,14 +120,14 @@ def _nothing_told(records: Sequence[Record], why: tuple[str, ...]) -> Compatibil
     return Compatibility(channels_of(records), {}, empty, single, (), why, ())
 
 
-def _result(found: Searched, biases: tuple[SensorEstimate, ...]) -> CheckResult:
+def _result(found: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResult:
     noise = found.found.noise
     levels = dict(zip((*noise.outputs, *noise.inputs), np.sqrt([*noise.white, *noise.density]).tolist(), strict=True))
     names = tuple(s.name for s in found.found.signals)
     return CheckResult(names, tuple(estimate_of(trial) for trial in found.trials), biases, found.findings, levels)
 
 
-def _by_itself(base: Fit, joint: Searched, settings: CompatibilitySettings, count: int) -> CheckResult:
+def _by_itself(base: KinematicFit, joint: FaultSearch, settings: CompatibilitySettings, count: int) -> CheckResult:
     """One record of several: each fault beside the same others as in all, and drifts, which belong to one record, beside all that stands."""
     current = with_more_faults(base, joint.found.faults, joint.found.sizes)
     by_fault: dict[SensorFault, Trial] = {}
@@ -135,14 +141,14 @@ def _by_itself(base: Fit, joint: Searched, settings: CompatibilitySettings, coun
     return _result(replace(drifts, trials=(*trials, *drifts.trials)), bias_estimates(current))
 
 
-def _together(bases: Sequence[Fit]) -> Fit:
+def _together(bases: Sequence[KinematicFit]) -> KinematicFit:
     """Fits of single records as the start of a fit of all."""
     white = np.exp(np.mean([np.log(base.noise.white) for base in bases], axis=0))
     density = np.exp(np.mean([np.log(base.noise.density) for base in bases], axis=0))
     return replace(bases[0], own=tuple(base.own[0] for base in bases), noise=replace(bases[0].noise, white=white, density=density))
 
 
-def _reconstructions(base: Fit, final: Fit) -> tuple[Reconstruction, ...]:
+def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstruction, ...]:
     out = []
     for s, plain, y, residual in zip(final.signals, base.outputs, final.outputs, final.residuals, strict=True):
         smooth = y + smoothed_walk(s, final.noise, residual)

@@ -1,4 +1,4 @@
-"""Sets of sensor faults fitted jointly: which are sound, how they compare, which one the records ask for, and what their times count from.
+"""Search for the set of sensor faults that the kinematics require.
 
 The kinematics see differences of times only, so that one channel has to stand for the time of all.
 """
@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.compatibility.estimates import smoother_sigmas
-from ident.compatibility.faults import DELAY, LAG, SensorFault
-from ident.compatibility.fitting import Fit, fit, least_misfit
-from ident.compatibility.instruments import instrumented, weigher
-from ident.compatibility.signals import Signals
-from ident.compatibility.trials import one_step
+from ident.compatibility.fitting import KinematicFit, fit, least_misfit, smoother_sigmas
+from ident.compatibility.kinematics import ARM, BOOM, DELAY, LAG, PACKAGE, SensorFault
+from ident.compatibility.signals import KinematicSignals, instrumented, weigher
+from ident.compatibility.trials import CompatibilitySettings, FaultQuantity, SensorFinding, Trial, one_step, replicates, tried
+
+# ---- Sets of sensor faults fitted jointly
 
 _BREADTH = 5  # sets of one size that are kept, and faults that are tried beside each of them
 TIE = 0.5  # of log likelihood: what two fits of the same thing may differ by
@@ -31,7 +31,7 @@ class FaultSet:
     ``given``: how many faults of the fit, its first ones, are no choice of the set. ``surprise``: log likelihood lost by its sizes a priori.
     """
 
-    found: Fit
+    found: KinematicFit
     widening: float
     sound: bool
     determined: bool = True
@@ -53,7 +53,7 @@ def charge_of(false_alarm: float, count: int) -> float:
     return math.log(max(count, 1)) - math.log(false_alarm)
 
 
-def fault_set(found: Fit, given: int = 0, *, early: bool = False) -> FaultSet:
+def fault_set(found: KinematicFit, given: int = 0, *, early: bool = False) -> FaultSet:
     """A fit judged as a set of faults, of which the first few are ``given``."""
     k = len(found.faults) - given
     if not k:
@@ -72,7 +72,7 @@ def _possible(fault: SensorFault, size: float) -> bool:
     return fault.worth < abs(size) < 0.99 * fault.largest and (size > 0 or not fault.one_sided)
 
 
-def misfits(fits: Sequence[Fit]) -> np.ndarray:
+def misfits(fits: Sequence[KinematicFit]) -> np.ndarray:
     """Minus the log likelihood of each fit of the same records; with instruments the projected misfit, all under the noise of the best."""
     if not instrumented(fits[0].signals):
         return np.array([each.cost for each in fits])
@@ -81,7 +81,7 @@ def misfits(fits: Sequence[Fit]) -> np.ndarray:
     return np.array([least_misfit(each, whiteners) for each in fits])
 
 
-def grow(base: Fit, singles: Sequence[Fit], faults: Sequence[SensorFault], charge: float, most: int) -> list[FaultSet]:
+def grow(base: KinematicFit, singles: Sequence[KinematicFit], faults: Sequence[SensorFault], charge: float, most: int) -> list[FaultSet]:
     """Sets of 0, 1, ... ``most`` faults, a few of each size, begun with the best of ``singles``: forward selection that keeps several ways open.
 
     It ends where the best set of one more fault does not gain ``charge`` over the best without. Where no control is recorded, sets with a load
@@ -102,7 +102,7 @@ def grow(base: Fit, singles: Sequence[Fit], faults: Sequence[SensorFault], charg
         if count == most or here - there < charge * best.widening:
             break
         before = best.found
-        fits: dict[frozenset[SensorFault], Fit] = {}
+        fits: dict[frozenset[SensorFault], KinematicFit] = {}
         for each in level:
             for found in _extended(each.found, faults, fits):
                 fits[frozenset(found.faults)] = found
@@ -121,7 +121,7 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
     return sets[int(np.argmin(score))]
 
 
-def needed(base: Fit, found: FaultSet, charge: float) -> FaultSet:
+def needed(base: KinematicFit, found: FaultSet, charge: float) -> FaultSet:
     """The set less every fault without which the others do nearly as well."""
     while len(found.faults) > 1:
         less = [fit(base.signals, [other for other in found.found.faults if other is not fault], base) for fault in found.faults]
@@ -134,7 +134,7 @@ def needed(base: Fit, found: FaultSet, charge: float) -> FaultSet:
     return found
 
 
-def _kept(fits: Sequence[Fit], given: int) -> list[FaultSet]:
+def _kept(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
     """The best few sound ones, best first."""
     if not fits:
         return []
@@ -148,7 +148,7 @@ def _kept(fits: Sequence[Fit], given: int) -> list[FaultSet]:
     return out
 
 
-def _extended(found: Fit, faults: Sequence[SensorFault], done: dict[frozenset[SensorFault], Fit]) -> list[Fit]:
+def _extended(found: KinematicFit, faults: Sequence[SensorFault], done: dict[frozenset[SensorFault], KinematicFit]) -> list[KinematicFit]:
     """Fits of a set with one more fault each: those that promise most to first order."""
     timed = clocks(found.signals)
     free = [fault for fault in faults if fault not in found.faults and leaves_a_reference((*found.faults, fault), timed)]
@@ -157,7 +157,7 @@ def _extended(found: Fit, faults: Sequence[SensorFault], done: dict[frozenset[Se
     return [fit(found.signals, (*found.faults, fault), found) for fault in worth if frozenset((*found.faults, fault)) not in done]
 
 
-def _early(found: Fit, faults: Sequence[SensorFault], given: int) -> list[FaultSet]:
+def _early(found: KinematicFit, faults: Sequence[SensorFault], given: int) -> list[FaultSet]:
     """A load recorded before it happens, beside a set; which no sensor does.
 
     A gust moves the vane and the load at once, the path only later: the load then seems early, and alpha and q late.
@@ -167,7 +167,7 @@ def _early(found: Fit, faults: Sequence[SensorFault], given: int) -> list[FaultS
     return [each for each in sets if each.determined and each.found.sizes[-1] < 0]
 
 
-def clocks(signals: Sequence[Signals]) -> tuple[str, ...]:
+def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
     """Channels of which one at least has to be on time.
 
     Where no control is recorded the load is none of them: a gust moves it before the path, and alpha and q then seem late by as much.
@@ -201,3 +201,217 @@ def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> s
     else:
         first = f"times count from {', '.join(on_time[:-1])} and {on_time[-1]}, which agree"
     return f"{first}: what all channels are late by against the inputs, kinematics cannot see"
+
+
+# ---- Faults that the records do not tell from one that stands
+
+ALIKE = ((BOOM, PACKAGE), ("alpha", "nz", "az"), ("beta", "ny", "ay"))
+
+
+@dataclass(frozen=True, eq=False)
+class Slot:
+    """One place of a set: every fault tried in it beside the ``others``, the best first; ``losses (k,)`` of log likelihood against the best."""
+
+    others: KinematicFit
+    trials: tuple[Trial, ...]
+    losses: np.ndarray
+
+    def within(self, chance: float) -> list[Trial]:
+        """The best and those that are not told from it: sound faults that lose no more than ``chance``."""
+        pairs = list(zip(self.trials, self.losses.tolist(), strict=True))
+        return [self.trials[0], *(t for t, lost in pairs[1:] if lost <= chance and t.told and (t.size > 0 or not t.fault.one_sided))]
+
+
+def chance_of(false_alarm: float, count: int) -> float:
+    """Log likelihood by which the true one of ``count`` faults loses to another in no more than ``false_alarm`` of cases.
+
+    Where one of two faults is true and the traces are a distance d apart, in standard deviations, the other's advantage is normal with mean
+    -d^2/2 and variance d^2. It exceeds x with the greatest chance at d = sqrt(2 x): the tail of the normal distribution beyond sqrt(2 x),
+    however alike the two are. So 2 x is the square of the quantile, shared among the rivals.
+    """
+    from scipy.special import ndtri
+
+    return 0.5 * float(ndtri(false_alarm / max(count, 2))) ** 2
+
+
+def probabilities(among: Sequence[tuple[SensorFault, FaultQuantity, float]]) -> dict[str, float]:
+    """Probability of each of some faults, one of which is there, by name: from its estimate and the log likelihood that is lost with it."""
+    scores = np.array([-lost - float(fault.surprise(size.value - fault.offset, size.std**2)) for fault, size, lost in among])
+    weights = np.exp(scores - np.max(scores))
+    return dict(zip((fault.name for fault, _, _ in among), (weights / np.sum(weights)).tolist(), strict=True))
+
+
+def slots_of(base: KinematicFit, found: FaultSet, faults: Sequence[SensorFault], singles: Sequence[Trial]) -> tuple[FaultSet, list[Slot]]:
+    """The places of a set, each with all faults in it; where another does better in one, it takes the place, and all is looked at again.
+
+    ``singles`` : every fault tried beside ``base`` alone.
+    """
+    for _ in range(3):
+        slots = [_slot(base, found, fault, faults, singles) for fault in found.faults]
+        better = [(i, slot) for i, slot in enumerate(slots) if slot.trials[0].fault is not found.faults[i]]
+        if not better:
+            break
+        i, slot = max(better, key=lambda pair: pair[1].losses[[t.fault for t in pair[1].trials].index(found.faults[pair[0]])])
+        chosen = list(found.found.faults)
+        chosen[found.given + i] = slot.trials[0].fault
+        changed = fault_set(fit(base.signals, chosen, slot.trials[0].found), found.given)
+        before, after = misfits([found.found, changed.found]).tolist()
+        before, after = before + found.widening * found.surprise, after + found.widening * changed.surprise
+        if not changed.sound or after > before + TIE:
+            break
+        found = changed
+    return found, [_led_by(slot, fault) for slot, fault in zip(slots, found.faults, strict=True)]
+
+
+def same_lateness(one: SensorFault, other: SensorFault) -> bool:
+    """Whether both make the same channel late, in different ways."""
+    return one.channel == other.channel and {one.kind, other.kind} <= {DELAY, LAG, ARM} and not (one.rare or other.rare)
+
+
+def same_trace(one: SensorFault, other: SensorFault) -> bool:
+    """Whether two arms ahead leave the same trace, the one where the other is behind: of a vane, and of the accelerometer across its flow."""
+    channels = {one.channel, other.channel}
+    return one.kind == other.kind == ARM and any(vane in channels and channels & {*loads} for vane, *loads in ALIKE)
+
+
+def _slot(base: KinematicFit, found: FaultSet, fault: SensorFault, faults: Sequence[SensorFault], singles: Sequence[Trial]) -> Slot:
+    rest = [other for other in found.found.faults if other is not fault]
+    free = [each for each in faults if each not in rest and leaves_a_reference((*rest, each), clocks(base.signals))]
+    if rest == list(base.faults):
+        others, trials = base, [trial for trial in singles if trial.fault in free]
+    else:
+        others = fit(base.signals, rest, base)
+        trials = tried(others, free)
+    misfit = misfits([others, found.found, *(t.found for t in trials)])
+    # The fault that stands has been fitted as long as any: its fit in the set serves.
+    here = [misfit[1] if t.fault is fault else value for t, value in zip(trials, misfit[2:].tolist(), strict=True)]
+    here = [value + TIE * t.fault.rare for t, value in zip(trials, here, strict=True)]
+    usual = [value + found.widening * float(t.fault.surprise(t.size, t.variance)) for t, value in zip(trials, here, strict=True)]
+    sound = [t.told and (t.size > 0 or not t.fault.one_sided) for t in trials]
+    order = sorted(range(len(trials)), key=lambda i: (not sound[i], usual[i]))
+    gains = (misfit[0] - np.array(here)) / found.widening
+    led = [replace(trials[i], gain=max(float(gains[i]), 0.0)) for i in order]
+    return Slot(others, tuple(led), (gains[order[0]] - gains)[order])
+
+
+def _led_by(slot: Slot, fault: SensorFault) -> Slot:
+    """The slot with a fault in front."""
+    at = [t.fault for t in slot.trials].index(fault) if fault in [t.fault for t in slot.trials] else 0
+    order = [at, *(i for i in range(len(slot.trials)) if i != at)]
+    return Slot(slot.others, tuple(slot.trials[i] for i in order), slot.losses[order] - slot.losses[at])
+
+
+# ---- Which sensor faults the kinematics demand
+
+
+@dataclass(frozen=True, eq=False)
+class FaultSearch:
+    """Findings, the standing ones first; of every fault the trial that counts: of what stands and of its group that beside everything else that
+    stands, of what shares a sensor's lateness with it that in its place, of all others that beside everything that stands. ``found`` is the
+    joint fit of the best of each group. ``early``: s by which a load would be ahead of its time, which no sensor can show, where that explains
+    more than any fault: nothing further stands then.
+    """
+
+    findings: tuple[SensorFinding, ...]
+    trials: tuple[Trial, ...]
+    found: KinematicFit
+    early: float | None = None
+
+
+def search(base: KinematicFit, faults: Sequence[SensorFault], bases: Sequence[KinematicFit], settings: CompatibilitySettings) -> FaultSearch:
+    """The set of faults that the records ask for, each with its group.
+
+    Forward selection that keeps several sets of each size; each fault has to bring what ``charge_of`` says, over the colour of what is left,
+    beside all the others, and the records by themselves have to agree on it. ``bases`` are the base fits of each record alone.
+    """
+    charge, chance = charge_of(settings.false_alarm, len(faults)), chance_of(settings.false_alarm, len(faults))
+    singles = tried(base, faults)
+    refused: dict[SensorFault, Trial] = {}
+    while True:
+        left = [fault for fault in faults if fault not in refused]
+        best, early = _selected(base, [t.found for t in singles if t.fault not in refused], left, charge, settings.most)
+        best, slots = slots_of(base, best, left, singles)
+        failing = [slot.trials[0] for slot in slots if not replicates(bases, slot.others, slot.trials[0])]
+        if not failing:
+            break
+        refused |= {trial.fault: trial for trial in failing}
+    groups = [_group(slot, bases, chance) for slot in slots]
+    return _searched(faults, groups, slots, singles, refused, best.found, early)
+
+
+def _selected(
+    base: KinematicFit, singles: Sequence[KinematicFit], faults: Sequence[SensorFault], charge: float, most: int
+) -> tuple[FaultSet, float | None]:
+    """The best set, each of whose faults is needed; and by how much a load would be early where that belongs to what is best."""
+    best = chosen(grow(base, singles, faults, charge, most), charge)
+    early = float(best.found.sizes[-1]) if best.early else None
+    if best.early:
+        best = fault_set(fit(base.signals, best.found.faults[:-1], base), best.given)
+    return needed(base, best, charge), early
+
+
+def _group(slot: Slot, bases: Sequence[KinematicFit], chance: float) -> list[Trial]:
+    best, *rivals = slot.within(chance)
+    return [best, *(t for t in rivals if replicates(bases, slot.others, t))]
+
+
+def _searched(
+    faults: Sequence[SensorFault],
+    groups: Sequence[Sequence[Trial]],
+    slots: Sequence[Slot],
+    singles: Sequence[Trial],
+    refused: dict[SensorFault, Trial],
+    current: KinematicFit,
+    early: float | None,
+) -> FaultSearch:
+    lost, instead = _in_place(slots)
+    # What would do in the place of two is told once: where it is the best, else in the first.
+    grouped = {t.fault: t for group in reversed(groups) for t in group} | {group[0].fault: group[0] for group in groups}
+    stand, timed = current.faults, clocks(current.signals)
+    besides = [f for f in faults if f not in grouped and leaves_a_reference((*stand, f), timed) and not any(same_lateness(f, s) for s in stand)]
+    beside = {t.fault: t for t in (tried(current, besides) if stand else singles)}
+    trials = {fault: grouped.get(fault) or beside.get(fault) or instead.get(fault) or _alone(singles, fault) for fault in faults}
+    findings = []
+    for group in groups:
+        names = [trial.fault.name for trial in group]
+        mine = [t for t in group if grouped[t.fault] is t]
+        sized = [(t.fault, FaultQuantity(t.size + t.fault.offset, math.sqrt(max(t.variance, 0.0))), lost.get(t.fault, 0.0)) for t in group]
+        shares = probabilities(sized)
+        for t in mine:
+            others = tuple(name for name in names if name != t.fault.name)
+            findings.append(replace(_finding(t, others, lost.get(t.fault, 0.0), stands=True), probabilities=shares))
+    rest = sorted((trials[fault] for fault in faults if fault not in grouped), key=lambda trial: trial.p_value)
+    findings += [_finding(t, (), lost.get(t.fault), stands=False, replicates=t.fault not in refused) for t in rest]
+    return FaultSearch(tuple(findings), tuple(trials.values()), current, early)
+
+
+def _in_place(slots: Sequence[Slot]) -> tuple[dict[SensorFault, float], dict[SensorFault, Trial]]:
+    """Of each fault what it loses in the place of what stands, and its trial there, where it loses least."""
+    lost: dict[SensorFault, float] = {}
+    instead: dict[SensorFault, Trial] = {}
+    for slot in slots:
+        for trial, loss in zip(slot.trials, slot.losses.tolist(), strict=True):
+            if loss < lost.get(trial.fault, math.inf):
+                lost[trial.fault], instead[trial.fault] = loss, trial
+    return lost, instead
+
+
+def _alone(singles: Sequence[Trial], fault: SensorFault) -> Trial:
+    return next(trial for trial in singles if trial.fault == fault)
+
+
+def _finding(trial: Trial, group: tuple[str, ...], lost: float | None, *, stands: bool, replicates: bool = True) -> SensorFinding:
+    fault = trial.fault
+    return SensorFinding(
+        fault.channel,
+        fault.kind,
+        trial.size + fault.offset,
+        math.sqrt(max(trial.variance, 0.0)),
+        fault.unit,
+        trial.gain,
+        stands,
+        group,
+        fault.name,
+        replicates,
+        lost,
+    )

@@ -1,25 +1,37 @@
-"""Fits of the kinematics to records: unknown starts and biases of each record, sensor faults common to all."""
+"""Fits of the kinematics, estimates of faults by both methods, and what the channels cannot determine."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ident.compatibility.faults import SensorFault
-from ident.compatibility.instruments import Weigher, weigher
-from ident.compatibility.noise import NoiseEvidence, NoiseModel, first_noise, settled_noise, whitener
-from ident.compatibility.signals import Signals
-from ident.compatibility.unknowns import evaluate, linearised, start_of, unknowns_of
-from ident.statistics.information import bounded_inverse
+from ident.compatibility.kinematics import BIAS, DELAY, DRIFT, LAG, SCALE, SensorFault, evaluate, faults_of, linearised, start_of, unknowns_of
+from ident.compatibility.signals import (
+    KinematicSignals,
+    NoiseEvidence,
+    RelationNoise,
+    Weigher,
+    first_noise,
+    part_of_controls,
+    settled_noise,
+    walk_gains,
+    weigher,
+    whitener,
+)
+from ident.statistics.information import OPEN, bounded_inverse, inverse_information
+from ident.statistics.residual_spectrum import corrected_covariance
+
+# ---- Fits of the kinematics to records
 
 _ITERATIONS = 8
 _SMALL = 2e-3  # twice the gain of a step that is not worth taking
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class KinematicFit:
     """A fit of R records.
 
     Attributes
@@ -30,11 +42,11 @@ class Fit:
     outputs : ``(m, N)`` what the sensors should read.
     """
 
-    signals: tuple[Signals, ...]
+    signals: tuple[KinematicSignals, ...]
     faults: tuple[SensorFault, ...]
     sizes: np.ndarray
     own: tuple[np.ndarray, ...]
-    noise: NoiseModel
+    noise: RelationNoise
     cost: float
     residuals: tuple[np.ndarray, ...]
     jacobians: tuple[np.ndarray, ...]
@@ -42,8 +54,12 @@ class Fit:
 
 
 def fit(
-    signals: Sequence[Signals], faults: Sequence[SensorFault] = (), begin: Fit | None = None, first: np.ndarray | None = None, passes: int = 3
-) -> Fit:
+    signals: Sequence[KinematicSignals],
+    faults: Sequence[SensorFault] = (),
+    begin: KinematicFit | None = None,
+    first: np.ndarray | None = None,
+    passes: int = 3,
+) -> KinematicFit:
     """Smoother fit: Gauss-Newton in the metric of the noise of outputs and inputs, its variances by likelihood in between.
 
     ``begin`` gives starts for all that it has; ``first`` those of the faults.
@@ -89,13 +105,13 @@ def fit(
         if turn and np.all(np.abs(noise.logs - before) < 0.05):
             break
     cost += sum(0.5 * float(np.sum(prior * o**2)) for prior, o in zip(priors, own, strict=True))
-    return Fit(
+    return KinematicFit(
         tuple(signals), tuple(faults), sizes, tuple(own), noise, cost, residuals, tuple(slope for _, slope in lines), tuple(y for y, _ in lines)
     )
 
 
 def misfit(
-    signals: Sequence[Signals],
+    signals: Sequence[KinematicSignals],
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
     outputs: Sequence[np.ndarray],
@@ -112,7 +128,7 @@ def misfit(
     return total
 
 
-def whitened(found: Fit) -> list[tuple[np.ndarray, np.ndarray]]:
+def whitened(found: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]:
     """Residual ``(m, N)`` and jacobian ``(m, N, c)`` of each record as those of independent samples of variance one.
 
     With instruments the jacobian is their part of it: its product with the residual is the gradient all the same.
@@ -124,10 +140,10 @@ def whitened(found: Fit) -> list[tuple[np.ndarray, np.ndarray]]:
     return out
 
 
-def least_misfit(found: Fit, whiteners: Sequence[Weigher]) -> float:
+def least_misfit(found: KinematicFit, whiteners: Sequence[Weigher]) -> float:
     """Half the sum of squares that the unknowns of a fit leave under another noise, priors included; to first order.
 
-    ``whiteners`` of that noise, one a record (``ident.compatibility.instruments.weigher``).
+    ``whiteners`` of that noise, one a record (``ident.compatibility.signals.weigher``).
     """
     lines = list(zip(found.outputs, found.jacobians, strict=True))
     priors = [np.array([1.0 / item.prior**2 for item in unknowns_of(s)]) for s in found.signals]
@@ -136,7 +152,7 @@ def least_misfit(found: Fit, whiteners: Sequence[Weigher]) -> float:
     return here - 0.5 * float(gradient @ bounded_inverse(information) @ gradient)
 
 
-def positions(found: Fit) -> list[np.ndarray]:
+def positions(found: KinematicFit) -> list[np.ndarray]:
     """For each record, where the columns of its jacobian stand in the vector of all unknowns: own ones first, then the faults."""
     total, out, at = sum(len(own) for own in found.own), [], 0
     for own in found.own:
@@ -145,14 +161,14 @@ def positions(found: Fit) -> list[np.ndarray]:
     return out
 
 
-def prior_information(found: Fit) -> np.ndarray:
+def prior_information(found: KinematicFit) -> np.ndarray:
     """Diagonal information of the priors on all unknowns."""
     own = [[1.0 / item.prior**2 for item in unknowns_of(s)] for s in found.signals]
     return np.concatenate([*map(np.array, own), np.zeros(len(found.faults))])
 
 
 def _normal(
-    signals: Sequence[Signals],
+    signals: Sequence[KinematicSignals],
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
     lines: Sequence[tuple[np.ndarray, np.ndarray]],
@@ -175,7 +191,215 @@ def _normal(
     return information, gradient
 
 
-def residual_of(s: Signals, y: np.ndarray) -> np.ndarray:
+def residual_of(s: KinematicSignals, y: np.ndarray) -> np.ndarray:
     """Measured less reconstructed ``(m, N)``, zero where a sample is missing."""
     measured = np.array([s.channels[name] for name in s.outputs])
     return np.where(s.valid, measured - y, 0.0)
+
+
+# ---- Both methods side by side
+
+_PASSES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Sigmas:
+    """Of a smoother fit: covariance of all unknowns under its noise, and by how much the colour of what is left widens each variance."""
+
+    covariance: np.ndarray
+    widening: np.ndarray
+
+
+def smoother_sigmas(found: KinematicFit) -> Sigmas:
+    """Covariance of a fit, corrected for innovations that are not white (``ident.statistics.residual_spectrum``)."""
+    white, at = whitened(found), positions(found)
+    information = np.diag(prior_information(found))
+    for (_, jacobian), where in zip(white, at, strict=True):
+        J = jacobian.reshape(-1, jacobian.shape[2])
+        information[np.ix_(where, where)] += J.T @ J
+    inverse, _ = inverse_information(information, floor=OPEN)
+    parts = [(where, jacobian, e, s.valid) for (e, jacobian), where, s in zip(white, at, found.signals, strict=True)]
+    corrected = corrected_covariance(inverse, parts, np.ones(len(found.noise.outputs)))
+    own, wide = np.diag(inverse), np.diag(corrected)
+    return Sigmas(inverse, np.maximum(np.divide(wide, own, out=np.ones_like(wide), where=own > 0), 1.0))
+
+
+def output_error(found: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
+    """Values of all unknowns by output error, begun at a smoother fit, and their covariance with the inputs' noise accounted for.
+
+    Residuals are weighed by their own mean square, as if they were white; the covariance is that which such weights give under the
+    noise of outputs and inputs of the smoother fit.
+    """
+    own, sizes, at, prior = [o.copy() for o in found.own], found.sizes.copy(), positions(found), prior_information(found)
+    unknowns = [unknowns_of(s) for s in found.signals]
+    largest = np.array([fault.largest for fault in found.faults])
+    total = len(prior) - len(sizes)
+    lines = list(zip(found.outputs, found.jacobians, strict=True))
+    parts = [part_of_controls(s) for s in found.signals]
+    for turn in range(_PASSES):
+        if turn:
+            lines = [linearised(s, u, found.faults, o, sizes) for s, u, o in zip(found.signals, unknowns, own, strict=True)]
+        measured = [np.array([s.channels[name] for name in s.outputs]) for s in found.signals]
+        residuals = [np.where(s.valid, z - y, 0.0) for s, z, (y, _) in zip(found.signals, measured, lines, strict=True)]
+        counts = np.sum([s.valid.sum(axis=1) for s in found.signals], axis=0)
+        variance = np.maximum(np.sum([(e**2).sum(axis=1) for e in residuals], axis=0) / np.maximum(counts, 1), 1e-30)
+        information, gradient = np.diag(prior), np.zeros(len(prior))
+        columns = []
+        for s, part, e, (_, slope), where in zip(found.signals, parts, residuals, lines, at, strict=True):
+            J = part(np.where(s.valid[:, :, None], slope, 0.0)) / variance[:, None, None]
+            columns.append(J)
+            information[np.ix_(where, where)] += np.einsum("mnc,mnd->cd", J, slope)
+            gradient[where] += np.einsum("mnc,mn->c", J, e)
+        gradient[:total] -= prior[:total] * np.concatenate(own)
+        inverse = bounded_inverse(information)
+        step = inverse @ gradient
+        place = 0
+        for r in range(len(own)):
+            own[r] = own[r] + step[place : place + len(own[r])]
+            place += len(own[r])
+        sizes = np.clip(sizes + step[place:], -largest, largest)
+        if np.all(np.abs(step) <= 0.1 * np.sqrt(np.maximum(np.diag(inverse), 1e-300))):
+            break
+    spread = np.diag(prior)
+    for s, J, where in zip(found.signals, columns, at, strict=True):
+        spread[np.ix_(where, where)] += np.einsum("mnc,m,mnd->cd", J, found.noise.white, J)
+        ahead = np.cumsum(J[:, ::-1], axis=1)[:, ::-1][:, 1:]
+        walk = np.einsum("mi,mnc->inc", walk_gains(s, found.noise), ahead) * s.steps[None, :, None]
+        spread[np.ix_(where, where)] += np.einsum("inc,i,ind->cd", walk, found.noise.density, walk)
+    inverse, _ = inverse_information(information, floor=OPEN)
+    return np.concatenate([*own, sizes]), _sandwich(inverse, spread)
+
+
+def _sandwich(inverse: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """inverse spread inverse' as a product of a matrix with its transpose: rounding makes no variance negative."""
+    scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    values, vectors = np.linalg.eigh(spread / np.outer(scale, scale))
+    half = inverse @ (scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+    return np.asarray(half @ half.T)
+
+
+def difference_in_sigmas(one: float, var_one: float, other: float, var_other: float) -> float:
+    """``one - other`` over its standard deviation where ``other`` is efficient: the variances subtract (Hausman, Econometrica 46(6), 1978)."""
+    # Where both are all but equal, what the linear theory leaves out is more than their difference.
+    variance = max(var_one - var_other, 0.2 * max(var_one, var_other))
+    return (one - other) / math.sqrt(variance) if variance > 0 else 0.0
+
+
+# ---- What the channels can and cannot tell
+
+_MEMBER = 0.2  # of the largest part: what takes less part in a combination is not named
+_PIVOT = 0.3
+_CLOSE = 0.95
+FAMILIES = ((DELAY,), (SCALE,), (BIAS, DRIFT))
+
+
+def cannot_tell(base: KinematicFit, noise: RelationNoise, channels: Sequence[str]) -> tuple[str, ...]:
+    """Sentences for records fitted without a fault. Sizes count in units of what is common in practice (``SensorFault.plausible``).
+
+    A fault, or a combination of faults of one family (times, scales, biases and drifts), has no trace where its standard
+    deviation is above one such unit; two faults look alike where what they change has a projected cosine of 0.95.
+    """
+    faults = faults_of(channels, drifts=True, biases=True)
+    return untold(fault_information(base, noise, faults), faults, channels)
+
+
+def untold(information: np.ndarray, faults: Sequence[SensorFault], channels: Sequence[str]) -> tuple[str, ...]:
+    """What ``information (k, k)`` on ``faults`` of ``channels``, in units of their plausible sizes, leaves open, in sentences."""
+    silent = np.diag(information) < 1.0
+    out = []
+    for channel in channels:
+        kinds = [fault.kind for fault, lost in zip(faults, silent, strict=True) if fault.channel == channel and lost]
+        if kinds:
+            out.append(f"{channel}: {_listed(kinds)} leave{'s' if len(kinds) == 1 else ''} no trace")
+    seen = np.flatnonzero(~silent)
+    for family in FAMILIES:
+        members = [i for i in seen.tolist() if faults[i].kind in family]
+        if len(members) > 1:
+            named = [faults[i] for i in members]
+            values, vectors = np.linalg.eigh(information[np.ix_(members, members)])
+            out += [_combination_sentence(row, named) for row in _simple_rows(vectors[:, values < 1.0].T, named)]
+    return (*dict.fromkeys(out), *(f"{_listed([f.name for f in group])} look alike" for group in _alike(information, faults, seen.tolist())))
+
+
+def fault_information(base: KinematicFit, noise: RelationNoise, faults: Sequence[SensorFault]) -> np.ndarray:
+    """Information on the faults, each in units of its plausible size, when starts, gravity's turn and jumps are free: ``(k, k)``.
+
+    A lag's trace is that of its plausible size: at zero it is a delay's.
+    """
+    k = len(faults)
+    total = np.zeros((k, k))
+    sizes = np.zeros(k)
+    for s, own in zip(base.signals, base.own, strict=True):
+        unknowns = unknowns_of(s)
+        free = [i for i, item in enumerate(unknowns) if item.key[1] != BIAS]
+        y, slopes = linearised(s, unknowns, faults, own, sizes)
+        columns = slopes[:, :, [*free, *range(len(unknowns), len(unknowns) + k)]]
+        for j, fault in enumerate(faults):
+            columns[:, :, len(free) + j] *= fault.plausible
+            if fault.kind == LAG:
+                late = sizes.copy()
+                late[j] = fault.plausible
+                columns[:, :, len(free) + j] = evaluate(s, unknowns, faults, own[None], late[None])[:, 0] - y
+        white = weigher(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(-1, columns.shape[2])
+        whole = white.T @ white
+        for i, place in enumerate(free):
+            whole[i, i] += 1.0 / unknowns[place].prior ** 2
+        n = len(free)
+        total += whole[n:, n:] - whole[n:, :n] @ bounded_inverse(whole[:n, :n]) @ whole[:n, n:]
+    return total
+
+
+def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndarray]:
+    """The same space by rows of few members: Gauss-Jordan, drifts expressed by biases."""
+    rows, out, done = rows.copy(), [], np.zeros(len(rows), dtype=bool)
+    order = sorted(range(len(named)), key=lambda i: named[i].kind != DRIFT)
+    for column in order:
+        left = np.flatnonzero(~done)
+        if not left.size:
+            break
+        best = left[np.argmax(np.abs(rows[left, column]))]
+        if abs(rows[best, column]) < _PIVOT * np.abs(rows[best]).max():
+            continue
+        rows[best] /= rows[best, column]
+        for other in range(len(rows)):
+            if other != best:
+                rows[other] -= rows[other, column] * rows[best]
+        done[best] = True
+    for row in rows:
+        out.append(row / np.abs(row).max())
+    return out
+
+
+def _alike(information: np.ndarray, faults: Sequence[SensorFault], seen: Sequence[int]) -> list[list[SensorFault]]:
+    """Groups of faults of which each looks like each other one; biases and drifts are told by their combinations."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    left, out = [i for i in seen if faults[i].kind not in (BIAS, DRIFT)], []
+    while left:
+        group = [left.pop(0)]
+        for i in list(left):
+            if all(abs(information[i, j]) >= _CLOSE * size[i] * size[j] for j in group):
+                group.append(i)
+                left.remove(i)
+        if len(group) > 1:
+            out.append([faults[i] for i in group])
+    return out
+
+
+def _combination_sentence(row: np.ndarray, named: Sequence[SensorFault]) -> str:
+    members = [(named[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _MEMBER]
+    kinds = {fault.kind for fault, _ in members}
+    lateness = all(fault.kind in (DELAY, LAG) for fault, _ in members)
+    channels = sorted({fault.channel for fault, _ in members}, key=[fault.channel for fault in named].index)
+    same = all(part * members[0][1] > 0 for _, part in members)
+    if lateness and same and len(channels) > 1:
+        return f"a delay common to {_listed(channels)} leaves no trace: only relative timing shows"
+    if kinds == {SCALE} and same:
+        return f"a scale common to {_listed(channels)} leaves no trace: only ratios show"
+    names = sorted(fault.name for fault, _ in members)
+    if len(names) == 1:
+        return f"{names[0]} is not determined beside the others"
+    return f"{_listed(names)}: only combinations of them show"
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

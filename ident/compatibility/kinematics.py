@@ -1,4 +1,4 @@
-"""The kinematic relations, integrated over measured inputs.
+"""Longitudinal kinematics: sensor faults, the relations between channels, and their unknowns.
 
 Body axes, x forward, z down, wings level (Klein and Morelli, Aircraft System Identification, AIAA 2006, ch. 10, without lateral motion):
 
@@ -12,19 +12,127 @@ and n0 are free, c2 about 0.5: in records of linear equations gravity does not t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ident.compatibility.faults import ARM, BIAS, DELAY, DRIFT, LAG, SCALE
-from ident.compatibility.signals import Signals
+from ident.compatibility.signals import KinematicSignals
 from sim.maths import G0, linear_recurrence
+
+# ---- What may be wrong with a sensor, each under its effect's name
+
+BIAS, SCALE, DELAY, LAG, DRIFT, ARM = "bias", "scale", "delay", "lag", "drift", "arm"
+RIGHT, BELOW = "arm-right", "arm-below"  # as ARM is ahead, along the other two axes
+ARMS = (ARM, RIGHT, BELOW)
+VANES = ("alpha", "beta")
+BOOM = "boom"  # both vanes, on one boom
+PACKAGE = "accelerometers"  # all of them, on one base
+UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "theta": "rad", "airspeed": "m/s", "ax": "m/s2"} | {
+    **{"beta": "rad", "phi": "rad", "psi": "rad", "p": "rad/s", "r": "rad/s", "ny": "g", "nx": "g", "ay": "m/s2", "az": "m/s2"},
+    **{"height": "m", "altitude": "m", "wind": "m/s"},
+}
+_SIZES = {"alpha": 0.02, "q": 0.005, "nz": 0.05, "theta": 0.02, "airspeed": 3.0, "ax": 0.3} | {  # a bias that is worth a word
+    **{"beta": 0.02, "phi": 0.02, "psi": 0.02, "p": 0.005, "r": 0.005, "ny": 0.03, "nx": 0.03, "ay": 0.3, "az": 0.5},
+    **{"height": 10.0, "altitude": 10.0, "wind": 3.0},
+}
+
+
+@dataclass(frozen=True)
+class SensorFault:
+    """One way in which one channel is wrong; its ``size`` is zero where the sensor is right.
+
+    bias: added, channel's unit. scale: the reading is (1 + size) times the true value. delay, lag: s, the reading is late.
+    drift: channel's unit/s from the record's begin. arm: m, the vane (alpha, beta) or the accelerometer (nz, all others in six degrees of
+    freedom) ahead of the centre of gravity; arm-right, arm-below: m, to the right of it and below.
+    """
+
+    channel: str
+    kind: str
+    chord: float = field(default=0.0, compare=False)  # m, zero where it is not known
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the sizes that aircraft have, infinite where nothing is stated.
+
+        A vane on a boom metres ahead is common: 5 m, or three chords of a large aircraft. An accelerometer is mounted within about half a
+        chord of the centre of gravity: 1 m, or a quarter of a chord, so that half a chord is two of these. A delay or lag, which an arm
+        looks like, has the size that is common in practice.
+        """
+        if self.kind in (DELAY, LAG):
+            return self.plausible
+        if self.kind not in ARMS:
+            return float("inf")
+        return max(5.0, 3.0 * self.chord) if self.channel in (*VANES, BOOM) else max(1.0, 0.25 * self.chord)
+
+    def surprise(self, size: float | np.ndarray, variance: float | np.ndarray) -> np.ndarray:
+        """Log likelihood that an estimated size with its variance loses by what is known of such sizes (``spread``)."""
+        return np.asarray(0.5 * np.square(size) / (self.spread**2 + variance))
+
+    @property
+    def name(self) -> str:
+        """The effect's name; ``bias:CH`` for a bias, which is no effect."""
+        if self.kind in ARMS:
+            sensor = "vane-offset" if self.channel in (*VANES, BOOM) else "accelerometer-offset"
+            of = "" if self.channel == PACKAGE or (self.channel, self.kind) == ("alpha", ARM) else f":{self.channel}"
+            return f"{sensor}{self.kind.removeprefix(ARM)}{of}"
+        return f"bias:{self.channel}" if self.kind == BIAS else f"sensor-{self.kind}:{self.channel}"
+
+    @property
+    def unit(self) -> str:
+        """Unit of its size."""
+        own = {SCALE: "1", DELAY: "s", LAG: "s"} | dict.fromkeys(ARMS, "m")
+        return own.get(self.kind) or (f"{UNITS[self.channel]}/s" if self.kind == DRIFT else UNITS[self.channel])
+
+    @property
+    def plausible(self) -> float:
+        """A size that is common in practice: the scale of what a record can tell."""
+        own = {SCALE: 0.1, DELAY: 0.05, LAG: 0.05} | dict.fromkeys(ARMS, 5.0)
+        return own.get(self.kind) or (0.05 * _SIZES[self.channel] if self.kind == DRIFT else _SIZES[self.channel])
+
+    @property
+    def worth(self) -> float:
+        """The size below which a fault is no finding, however significant: what interpolation and an airspeed slightly wrong make."""
+        return 0.1 * self.plausible
+
+    @property
+    def largest(self) -> float:
+        """The size beyond which no fit looks, either sign."""
+        own = {SCALE: 0.6, DELAY: 0.5, LAG: 0.5} | dict.fromkeys(ARMS, 60.0)
+        return own.get(self.kind, 1e6)
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether only a positive size can be: nothing is recorded before it happens, and no vane stands behind."""
+        return self.kind in (DELAY, LAG) or (self.kind == ARM and self.channel in (*VANES, BOOM))
+
+    @property
+    def rare(self) -> bool:
+        """Whether something more common leaves the same trace: an accelerometer ahead is a lag of q or r, one behind an arm of the vane."""
+        return self.kind == ARM and self.channel in ("nz", "az", "ny", "ay")
+
+    @property
+    def offset(self) -> float:
+        """What is added to the size for the effect's own parameter: a scale is given as a factor."""
+        return 1.0 if self.kind == SCALE else 0.0
+
+
+def faults_of(channels: Sequence[str], *, drifts: bool, biases: bool = False, chord: float = 0.0) -> tuple[SensorFault, ...]:
+    """All faults of these channels, in their order."""
+    kinds = (*([BIAS] if biases else []), SCALE, DELAY, LAG, *([DRIFT] if drifts else []))
+    out = [SensorFault(channel, kind) for channel in channels for kind in kinds]
+    if {"alpha", "q"} <= set(channels):
+        out += [SensorFault(channel, ARM, chord) for channel in ("alpha", "nz") if channel in channels]
+    return tuple(out)
+
+
+# ---- The kinematic relations, integrated over measured inputs
 
 Values = Callable[[str, str], np.ndarray]  # (channel, kind) -> sizes (P, 1); zero where nothing is fitted
 _SWEEPS = 5  # alpha stands on the right side under small factors: each sweep gains a factor of ten and more
 
 
-def reconstructed(s: Signals, value: Values) -> np.ndarray:
+def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
     """What the outputs should read if the sensors have these faults: ``(m, P, N)`` for sizes ``(P, 1)``.
 
     Besides the faults, ``value`` gives ``("start", STATE)``, ``("turn", "1")`` = c1, ``("turn", "2")`` = c2 - 0.5 and ``("jump", "nz")``.
@@ -62,7 +170,7 @@ def reconstructed(s: Signals, value: Values) -> np.ndarray:
 
 
 def _with_theta(
-    s: Signals, value: Values, inputs: dict[str, np.ndarray], over_speed: np.ndarray, load: np.ndarray, theta: np.ndarray, h: np.ndarray
+    s: KinematicSignals, value: Values, inputs: dict[str, np.ndarray], over_speed: np.ndarray, load: np.ndarray, theta: np.ndarray, h: np.ndarray
 ) -> np.ndarray:
     alpha = s.channels["alpha"][None]
     for _ in range(_SWEEPS):
@@ -75,7 +183,7 @@ def _with_theta(
     return alpha
 
 
-def increments(s: Signals, name: str, value: Values, h: np.ndarray) -> np.ndarray:
+def increments(s: KinematicSignals, name: str, value: Values, h: np.ndarray) -> np.ndarray:
     """Integral of the true signal over each interval from its faulty reading, cubic between samples: ``(P, N - 1)``."""
     x, t = s.channels[name], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
@@ -88,7 +196,7 @@ def increments(s: Signals, name: str, value: Values, h: np.ndarray) -> np.ndarra
     return np.asarray((read - wrong * h) / (1.0 + value(name, SCALE)))
 
 
-def samples(s: Signals, name: str, value: Values) -> np.ndarray:
+def samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
     """The true signal at the samples from its faulty reading: ``(P, N)``."""
     read, t = s.channels[name][None], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
@@ -99,7 +207,7 @@ def samples(s: Signals, name: str, value: Values) -> np.ndarray:
     return np.asarray((read - value(name, BIAS) - value(name, DRIFT) * (t - t[0])) / (1.0 + value(name, SCALE)))
 
 
-def _read(s: Signals, name: str, state: np.ndarray, value: Values, speed: np.ndarray) -> np.ndarray:
+def _read(s: KinematicSignals, name: str, state: np.ndarray, value: Values, speed: np.ndarray) -> np.ndarray:
     """What the sensor of a state shows: arm (with the true pitch rate), then as ``shown``."""
     arm = value(name, ARM) + s.vane_arm
     if name == "alpha" and np.any(arm):
@@ -107,7 +215,7 @@ def _read(s: Signals, name: str, state: np.ndarray, value: Values, speed: np.nda
     return shown(s, name, state, value)
 
 
-def shown(s: Signals, name: str, y: np.ndarray, value: Values) -> np.ndarray:
+def shown(s: KinematicSignals, name: str, y: np.ndarray, value: Values) -> np.ndarray:
     """What a sensor makes of a signal ``(P, N)``: lag, delay, scale, bias and drift, in this order."""
     t = s.time
     delay, lag = value(name, DELAY), value(name, LAG)
@@ -178,3 +286,82 @@ def _slopes(y: np.ndarray, t: np.ndarray) -> np.ndarray:
     steep = np.diff(y, axis=-1) / h
     inner = (steep[..., :-1] * h[1:] + steep[..., 1:] * h[:-1]) / (h[1:] + h[:-1])
     return np.concatenate([steep[..., :1], inner, steep[..., -1:]], axis=-1)
+
+
+# ---- Unknowns of each record
+
+Key = tuple[str, str]
+_SPEED = 0.015  # share by which an airspeed that is not recorded may be off: it divides the load as a scale does
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A quantity of one record that every fit leaves free: its key, the size of a step to differentiate, and a prior sigma (infinite: none)."""
+
+    key: Key
+    step: float
+    prior: float = float("inf")
+
+
+def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
+    """Starts of the states; biases that the relations need; without theta two numbers for gravity's turn; without an airspeed how far
+    the given one is off; where nz jumps with an input, by how much its integral may be off.
+    """
+    out = [Unknown(("start", name), 1e-3) for name in s.outputs]
+    if "theta" in s.outputs:
+        out.append(Unknown(("q", BIAS), 1e-4))
+    if "alpha" in s.outputs:
+        out.append(Unknown(("nz", BIAS), 1e-3))
+        if "airspeed" not in s.channels:
+            out.append(Unknown(("nz", SCALE), 1e-3, _SPEED))
+        if "theta" not in s.channels:
+            out += [Unknown(("turn", "1"), 1e-3, 0.2), Unknown(("turn", "2"), 1e-2, 0.5)]
+        if s.jumps.size:
+            out.append(Unknown(("jump", "nz"), 1e-2, 1.0))
+    if "airspeed" in s.outputs:
+        out.append(Unknown(("ax", BIAS), 1e-3))
+    return tuple(out)
+
+
+def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
+    """First values: states as they are first measured, nz incremental or total, whichever is nearer."""
+    out = np.zeros(len(unknowns))
+    for i, item in enumerate(unknowns):
+        channel, kind = item.key
+        if channel == "start":
+            row = s.outputs.index(kind)
+            out[i] = float(np.median(s.channels[kind][np.flatnonzero(s.valid[row])[:5]])) if np.any(s.valid[row]) else 0.0
+        elif item.key == ("nz", BIAS):
+            level = float(np.mean(s.channels["nz"]))
+            out[i] = level if "theta" not in s.channels else (0.0 if level > 0.5 else -1.0)
+    return out
+
+
+def evaluate(s: KinematicSignals, unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Outputs for rows of values: ``own (P, n)``, ``sizes (P, k)`` to ``(m, P, N)``."""
+    table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
+    for j, fault in enumerate(faults):
+        key = (fault.channel, fault.kind)
+        table[key] = table[key] + sizes[:, j : j + 1] if key in table else sizes[:, j : j + 1]
+    none = np.zeros((1, 1))
+    return reconstructed(s, lambda channel, kind: table.get((channel, kind), none))
+
+
+def difference_step(fault: SensorFault) -> float:
+    """Step of a central difference; a lag's and a delay's are felt over several samples."""
+    return 0.004 if fault.kind in (DELAY, LAG) else 1e-3 * fault.plausible
+
+
+def linearised(
+    s: KinematicSignals, unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs ``(m, N)`` and their slopes ``(m, N, n + k)`` in one call: one-sided differences for a record's own, central ones for faults."""
+    n, k = len(unknowns), len(faults)
+    step = np.array([item.step for item in unknowns] + [difference_step(fault) for fault in faults])
+    centre = np.concatenate([own, sizes])
+    points = np.concatenate([centre[None], centre + np.diag(step), (centre - np.diag(step))[n:]])
+    y = np.broadcast_to(evaluate(s, unknowns, faults, points[:, :n], points[:, n:]), (len(s.outputs), n + 2 * k + 1, len(s.time)))
+    slope = np.empty((len(s.outputs), n + k, len(s.time)))
+    slope[:, :n] = (y[:, 1 : n + 1] - y[:, :1]) / step[:n, None]
+    slope[:, n:] = (y[:, n + 1 : n + k + 1] - y[:, n + k + 1 :]) / (2.0 * step[n:, None])
+    return y[:, 0], slope.transpose(0, 2, 1)

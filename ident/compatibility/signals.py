@@ -1,16 +1,27 @@
-"""A record made ready for the kinematics: gaps bridged, relations found, what is not recorded stated."""
+"""Records made ready for the kinematics: bridged gaps, noise of each relation, instruments.
+
+Differences between neighbouring samples are correlated with their neighbours alone, so that the exact likelihood takes
+one banded Cholesky factorisation: what a Kalman filter with the inputs' noise as process noise gives, at once for all columns.
+
+A gust w stands in the vane's reading as w/V, and the load answers to it at once: what is left of the kinematics then goes with nz and with the
+rate of alpha, and a regression on these is biased. The controls know nothing of the gust. Filtered in any way they are instruments: regression
+after projection on them is unbiased, whatever the aircraft's response is (two-stage least squares; Sargan, Econometrica 26(3), 1958).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import numpy as np
 
-from ident.statistics.robust import robust_sigma
+from ident.statistics.noise_levels import robust_sigma
 from sim.maths import G0
 from sim.record import Hold, Record
+
+# ---- A record made ready for the kinematics
 
 EDGE = 0.1  # s at both ends of a record that no residual counts: a late channel has nothing to show there
 CHANNELS = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax")
@@ -19,7 +30,7 @@ LEAST_SPIKE = 0.03  # of a channel's range
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
+class KinematicSignals:
     """Channels of a record over ``time (N,)``, s.
 
     Attributes
@@ -30,7 +41,7 @@ class Signals:
     vane_arm : m, known beforehand.
     jumps : ``(N,)`` g, about how far nz may have jumped at the held inputs' switches, summed up; empty without a held input.
     spikes : number of isolated wrong samples set aside, by channel.
-    instruments : ``(N, L)``, what the recorded controls have moved (``ident.compatibility.instruments``); none where no control is recorded.
+    instruments : ``(N, L)``, what the recorded controls have moved (``ident.compatibility.signals``); none where no control is recorded.
     """
 
     name: str
@@ -76,7 +87,7 @@ def relations(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     return out
 
 
-def signals_of(record: Record, channels: tuple[str, ...], airspeed: float | None, gravity: float, vane_arm: float = 0.0) -> Signals:
+def signals_of(record: Record, channels: tuple[str, ...], airspeed: float | None, gravity: float, vane_arm: float = 0.0) -> KinematicSignals:
     """Make a record ready; ``channels`` are those common to all records. az serves as nz = -az/g0 where there is no nz."""
     raw, valid, spikes = {}, {}, {}
     for name in channels:
@@ -91,7 +102,7 @@ def signals_of(record: Record, channels: tuple[str, ...], airspeed: float | None
     edge = EDGE if record.time[-1] - record.time[0] > 50.0 * EDGE else 0.0
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
     speed = raw["airspeed"] if "airspeed" in raw else np.full(len(record), airspeed if airspeed is not None else np.inf)
-    return Signals(
+    return KinematicSignals(
         record.name,
         record.time,
         {name: raw[name] for name in channels if name in used or (name == "airspeed" and "alpha" in found)},
@@ -159,3 +170,313 @@ def differences(columns: np.ndarray) -> np.ndarray:
     flat[0] = columns[:, 0]
     np.subtract(columns[:, 1:].transpose(1, 0, 2), columns[:, :-1].transpose(1, 0, 2), out=flat[1:])
     return flat.reshape(n * m, c)
+
+
+# ---- The residual of an integrated relation
+
+_MISSING = 1e8  # times the noise variance: such a sample says nothing
+_INPUTS = {"alpha": ("q", "nz", "az"), "theta": ("q",), "airspeed": ("ax", "nx")} | {
+    **{"phi": ("p",), "psi": ("r",), "beta": ("r", "ny", "ay"), "height": ("theta",), "altitude": ("theta",)},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class RelationNoise:
+    """``white (m,)``: variance of each output's noise. ``inputs``: names, and ``density (n,)`` variance of each input's samples."""
+
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    white: np.ndarray
+    density: np.ndarray
+
+    @property
+    def logs(self) -> np.ndarray:
+        return np.log(np.concatenate([self.white, self.density]))
+
+    def with_logs(self, logs: np.ndarray) -> RelationNoise:
+        m = len(self.outputs)
+        return RelationNoise(self.outputs, self.inputs, np.exp(logs[:m]), np.exp(logs[m:]))
+
+
+def walking_inputs(outputs: Sequence[str]) -> tuple[str, ...]:
+    """Inputs whose noise can be told apart: where alpha alone is integrated, q stands for nz too."""
+    if tuple(outputs) == ("alpha",):
+        return ("q",)
+    return tuple(dict.fromkeys(name for output in outputs for name in _INPUTS[output] if name in ("q", "nz", "ax")))
+
+
+def inputs_of(output: str) -> tuple[str, ...]:
+    """Channels whose noise walks in an output."""
+    return _INPUTS[output]
+
+
+def first_noise(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
+    """A start from the roughness of the channels: third differences hold noise, and of a smooth motion next to nothing."""
+    outputs = all_signals[0].outputs
+    inputs = walking_inputs(outputs)
+    rough = {
+        name: float(np.mean([roughness(s.channels[name]) for s in all_signals])) for name in {*outputs, *inputs, *(["nz"] if "nz" in inputs else [])}
+    }
+    return RelationNoise(outputs, inputs, np.array([rough[name] for name in outputs]), np.array([rough[name] for name in inputs]))
+
+
+def resolution(x: np.ndarray) -> float:
+    """Variance of what a column cannot show: rounding to its least step, or to single precision, in which recorders store at best.
+
+    A value rounded to steps of d has an error of variance d^2/12. A single-precision number of size x has steps of 2^-23 x. The least
+    step of a column is its smallest third difference beyond that, of smooth or noisy samples far less than their noise: differences of
+    multiples are multiples.
+    """
+    single = 2.0**-23 * float(np.max(np.abs(x), initial=0.0))
+    third = np.abs(np.diff(x, 3))
+    moved = third[third > 8.0 * single]  # of four rounded values with weights 1, 3, 3, 1
+    return max(float(np.min(moved, initial=np.inf)) if moved.size else 0.0, single) ** 2 / 12.0
+
+
+def floors(all_signals: Sequence[KinematicSignals], names: Sequence[str]) -> np.ndarray:
+    """The least variance that each of the channels can have, by the finest record."""
+    return np.array([max(min(resolution(s.channels[name]) for s in all_signals), 1e-20) for name in names])
+
+
+def roughness(x: np.ndarray) -> float:
+    """Variance of a channel's noise as its third differences show it."""
+    third = np.diff(x, 3)
+    # The median is not moved by the few samples at which a held input switches.
+    middle = float(np.median(np.abs(third))) / 0.6745 if third.size else 0.0
+    return max(middle**2 / 20.0, 1e-10 * float(np.var(x)), resolution(x), 1e-20)
+
+
+def walk_gains(s: KinematicSignals, noise: RelationNoise) -> np.ndarray:
+    """How each input's noise moves each output's walk over one second, ``(m, n)``."""
+    out = np.zeros((len(noise.outputs), len(noise.inputs)))
+    for i, output in enumerate(noise.outputs):
+        for j, name in enumerate(noise.inputs):
+            if name in _INPUTS[output]:
+                out[i, j] = _gain(s, output, name)
+    return out
+
+
+def _gain(s: KinematicSignals, output: str, name: str) -> float:
+    speed = float(np.mean(s.speed))
+    if name in ("nz", "ny"):
+        return s.gravity / speed
+    if name in ("az", "ay"):
+        return 1.0 / speed
+    if name == "theta":
+        return speed
+    return {"nx": s.gravity}.get(name, -1.0 if (output, name) == ("beta", "r") else 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class RelationWhitener:
+    """Cholesky factor of the differences' covariance; ``log_determinant`` without what missing samples add."""
+
+    band: np.ndarray
+    log_determinant: float
+
+    def __call__(self, columns: np.ndarray) -> np.ndarray:
+        """Columns ``(m, N, c)``, zero where a sample is missing, as those of independent samples of variance one: ``(m, N, c)``."""
+        m, n, c = columns.shape
+        return np.ascontiguousarray(self.of_differences(differences(columns)).reshape(n, m, c).transpose(1, 0, 2))
+
+    def of_differences(self, flat: np.ndarray) -> np.ndarray:
+        """The same of ``differences`` of columns ``(N m, c)``, in their order."""
+        from scipy.linalg.lapack import dtbtrs
+
+        if flat.shape[1] == 0:  # SciPy 1.17's dtbtrs writes beyond its memory for no right-hand side
+            return np.empty(flat.shape)
+        return np.asarray(dtbtrs(self.band, flat, uplo="L")[0])
+
+
+def whitener(s: KinematicSignals, noise: RelationNoise) -> RelationWhitener:
+    """The whitener of one record. Raises numpy.linalg.LinAlgError for variances that are no longer positive in rounding."""
+    from scipy.linalg.lapack import dpbtrf
+
+    m, n = s.valid.shape
+    own = np.where(s.valid, noise.white[:, None], _MISSING * noise.white[:, None])
+    gains = walk_gains(s, noise)
+    walk = (gains * noise.density) @ gains.T
+    band = np.zeros((2 * m, n, m))
+    h2 = np.concatenate([[0.0], s.steps**2])
+    for lower in range(m):
+        for j in range(m - lower):
+            band[lower, :, j] = walk[j + lower, j] * h2
+    band[0] += own.T
+    band[0, 1:] += own.T[:-1]
+    band[m, :-1] -= own.T[:-1]
+    # The diagonal at distance m runs from (k, i) to (k + 1, i); entries between belong to other channels and are zero.
+    factor, fault = dpbtrf(band.reshape(2 * m, n * m)[: m + 1], lower=1)
+    if fault:
+        raise np.linalg.LinAlgError("the covariance is not positive definite")
+    lost = float(np.sum(np.log(own[~s.valid])))
+    return RelationWhitener(factor, 2.0 * float(np.sum(np.log(factor[0]))) - lost)
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseEvidence:
+    """What variances are estimated from: residuals ``(m, N)`` of each record and the sensitivities ``(m, N, n)`` to its own unknowns, whose
+    fit has taken some of the noise away; ``priors (n,)`` information on these."""
+
+    signals: tuple[KinematicSignals, ...]
+    residuals: tuple[np.ndarray, ...]
+    sensitivities: tuple[np.ndarray, ...]
+    priors: tuple[np.ndarray, ...]
+    begun: RelationNoise
+
+    @cached_property
+    def differences(self) -> tuple[np.ndarray, ...]:
+        """``differences`` of each record's residual and, after it, its sensitivities: the same whatever the noise."""
+        return tuple(
+            np.asfortranarray(differences(np.concatenate([residual[:, :, None], columns], axis=2)))
+            for residual, columns in zip(self.residuals, self.sensitivities, strict=True)
+        )
+
+
+def settled_noise(evidence: NoiseEvidence, noise: RelationNoise, passes: int) -> tuple[RelationNoise, float]:
+    """Variances of greatest restricted likelihood, and minus its logarithm: Newton steps on their logarithms, one by one.
+
+    No variance falls below what the column resolves (``floors``).
+    """
+    cost = noise_cost(evidence, noise)
+    least = np.log(floors(evidence.signals, (*noise.outputs, *noise.inputs)))
+    for _ in range(passes):
+        logs, before = noise.logs, cost
+        ahead, behind = np.empty(len(logs)), np.empty(len(logs))
+        for i in range(len(logs)):
+            up, down = logs.copy(), logs.copy()
+            up[i] += 0.2
+            down[i] -= 0.2
+            ahead[i], behind[i] = (noise_cost(evidence, noise.with_logs(x)) for x in (up, down))
+        slope, bend = (ahead - behind) / 0.4, (ahead + behind - 2.0 * cost) / 0.04
+        step = np.clip(-slope / np.maximum(bend, 0.4 * np.abs(slope) + 1e-3), -2.5, 2.5)
+        for share in (1.0, 0.4, 0.1):
+            trial = noise.with_logs(np.clip(logs + share * step, least, 20.0))
+            trial_cost = noise_cost(evidence, trial)
+            if trial_cost < cost:
+                noise, cost = trial, trial_cost
+                break
+        if before - cost < 5e-3:
+            break
+    return noise, cost
+
+
+def noise_cost(evidence: NoiseEvidence, noise: RelationNoise) -> float:
+    """Minus the log restricted likelihood (Patterson and Thompson, Biometrika 58(3), 1971), without constants; infinite where it fails.
+
+    The inputs' densities have a prior about the roughness of their channels: hardly less, for white noise shows there in full; far more
+    where a filter has taken the roughness away.
+    """
+    total = 0.0
+    for s, flat, prior in zip(evidence.signals, evidence.differences, evidence.priors, strict=True):
+        try:
+            white = whitener(s, noise)
+            columns = white.of_differences(flat)
+            e, J = columns[:, 0], columns[:, 1:]
+            sign, determinant = np.linalg.slogdet(J.T @ J + np.diag(prior))
+        except np.linalg.LinAlgError:
+            return float("inf")
+        total += 0.5 * white.log_determinant + 0.5 * float(np.sum(e**2)) + (0.5 * float(determinant) if sign > 0 else 0.0)
+    away = np.log(noise.density / evidence.begun.density)
+    return total + 0.5 * float(np.sum(np.where(away < 0, away / 0.5, away / 3.0) ** 2))
+
+
+def smoothed_walk(s: KinematicSignals, noise: RelationNoise, residual: np.ndarray) -> np.ndarray:
+    """The walk ``(m, N)`` that the inputs' noise has most likely made, given residuals ``(m, N)`` of the whole record.
+
+    The fixed-interval smoother in one solve: the residual less the expected noise of the measurement, R S^-1 r.
+    """
+    from scipy.linalg.lapack import dpbtrs
+
+    m, n = residual.shape
+    solved, _ = dpbtrs(whitener(s, noise).band, differences(residual[:, :, None]), lower=1)
+    y = solved.reshape(n, m).T
+    back = y.copy()
+    back[:, :-1] -= y[:, 1:]
+    own = np.where(s.valid, noise.white[:, None], _MISSING * noise.white[:, None])
+    return np.asarray(residual - own * back)
+
+
+# ---- What the recorded controls have moved
+
+# s back from now, in which the mean of a control is taken: an impulse response in steps.
+_BACK = (0.0, 0.08, 0.16, 0.28, 0.4, 0.55, 0.75, 1.0, 1.3, 1.7, 2.2, 2.8, 3.5, 4.5)
+_SHARE = 6  # samples for each instrument, at least
+_ALIKE = 1e-9  # of the largest eigenvalue: such a combination of instruments is rounding
+
+Weigher = Callable[[np.ndarray], np.ndarray]
+
+
+def instruments_of(record: Record, every: int = 1) -> np.ndarray:
+    """Columns ``(N, L)``: means of each control over stretches of the past, its integrals, a parabola; without a control that moves none.
+
+    ``every``: of the times that bound the stretches, only every so many.
+    """
+    t = record.time - record.time[0]
+    moved = [channel.values - channel.values[0] for channel in record.inputs if np.ptp(channel.values) > 0]
+    if not moved:
+        return np.empty((len(t), 0))
+    back: tuple[float, ...] = _BACK[::every]
+    while len(moved) * len(back) * _SHARE > len(t) and len(back) > 3:
+        back = back[::2]
+    columns = [np.ones(len(t)), t, t**2]
+    for u in moved:
+        once = _integral(u, t)
+        past = [np.interp(t - ago, t, once) for ago in back]
+        columns += [newer - older for newer, older in pairwise(past)]
+        columns += [once, _integral(once, t)]
+    return np.array([column / max(float(np.abs(column).max()), 1e-300) for column in columns]).T
+
+
+def instrumented(signals: Sequence[KinematicSignals]) -> bool:
+    """Whether every record has controls that tell a gust from a fault."""
+    return all(s.instruments.shape[1] for s in signals)
+
+
+@lru_cache(maxsize=24)  # many faults are tried under one noise; the records of a check and a few noises stay
+def weigher(s: KinematicSignals, noise: RelationNoise) -> Weigher:
+    """Columns ``(m, N, c)``, zero where a sample is missing, as those of independent samples of variance one, with instruments only their part."""
+    white = whitener(s, noise)
+    if not s.instruments.shape[1]:
+        return white
+    m, n = s.valid.shape
+    flat = white.of_differences(s.instrument_differences).reshape(n, m, -1)
+    part = _projection(_orthonormal(flat.transpose(1, 0, 2).reshape(m * n, -1)))
+    return lambda columns: part(white(columns))
+
+
+@lru_cache(maxsize=24)
+def shortened(s: KinematicSignals, noise: RelationNoise) -> Callable[[np.ndarray], np.ndarray]:
+    """What ``weigher`` makes of columns ``(m, N, c)``, in fewer rows ``(K, c)`` of the same products."""
+    white = whitener(s, noise)
+    if not s.instruments.shape[1]:
+        return lambda columns: white.of_differences(differences(columns))
+    basis = _orthonormal(white.of_differences(s.instrument_differences))
+    return lambda columns: basis.T @ white.of_differences(differences(columns))
+
+
+def part_of_controls(s: KinematicSignals) -> Weigher:
+    """Columns ``(m, N, c)`` to the part that the instruments explain, every sample alike; without instruments the columns themselves."""
+    if not s.instruments.shape[1]:
+        return lambda columns: columns
+    wide = s.instruments_by_output
+    return _projection(_orthonormal(wide.reshape(-1, wide.shape[2])))
+
+
+def _projection(basis: np.ndarray) -> Weigher:
+    def part(columns: np.ndarray) -> np.ndarray:
+        return np.asarray((basis @ (basis.T @ columns.reshape(-1, columns.shape[2]))).reshape(columns.shape))
+
+    return part
+
+
+def _orthonormal(flat: np.ndarray) -> np.ndarray:
+    """Orthonormal columns ``(m N, r)`` that span what columns ``(m N, c)`` span."""
+    gram = flat.T @ flat
+    scale = 1.0 / np.sqrt(np.where(np.diag(gram) > 0, np.diag(gram), 1.0))
+    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
+    told = values > _ALIKE * values[-1]
+    return np.asarray(flat @ (scale[:, None] * vectors[:, told] / np.sqrt(values[told])))
+
+
+def _integral(u: np.ndarray, t: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (u[1:] + u[:-1]))])

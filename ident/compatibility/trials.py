@@ -1,21 +1,166 @@
-"""One fault tried beside others, to first order or in full: its fit, gain and variance, its estimate by both methods, and whether the records by
-themselves agree on it."""
+"""Result of a check of the kinematics, and the trial of one fault in addition to others."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ident.compatibility.estimates import difference_in_sigmas, output_error, smoother_sigmas
-from ident.compatibility.faults import BIAS, SensorFault
-from ident.compatibility.fitting import Fit, fit, least_misfit, positions, prior_information, whitened
-from ident.compatibility.instruments import instrumented, weigher
-from ident.compatibility.result import Quantity, SensorEstimate
-from ident.compatibility.unknowns import linearised, unknowns_of
+from ident.compatibility.fitting import (
+    KinematicFit,
+    difference_in_sigmas,
+    fit,
+    least_misfit,
+    output_error,
+    positions,
+    prior_information,
+    smoother_sigmas,
+    whitened,
+)
+from ident.compatibility.kinematics import BIAS, SensorFault, linearised, unknowns_of
+from ident.compatibility.signals import instrumented, weigher
 from ident.statistics.information import bounded_inverse
+from sim.maths import G0
+
+# ---- What a check of the kinematics says
+
+
+@dataclass(frozen=True)
+class CompatibilitySettings:
+    """What a check needs beside the records.
+
+    ``airspeed`` (m/s) serves where none is recorded; None leaves the relation of alpha out there. ``gravity`` in m/s2; ``vane_arm`` (m)
+    that is known, a finding comes on top of it. ``chord`` (m) scales where sensors usually are; zero where it is not known.
+    ``false_alarm``: share of clean sets of records in which anything stands, over all faults together.
+    ``most``: faults that may stand together.
+    """
+
+    airspeed: float | None = None
+    gravity: float = G0
+    vane_arm: float = 0.0
+    chord: float = 0.0
+    false_alarm: float = 0.01
+    most: int = 3
+
+
+@dataclass(frozen=True)
+class FaultQuantity:
+    """A value and its standard deviation."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class SensorEstimate:
+    """One fault alone, by both methods; the other sensors are taken as right.
+
+    ``difference``: output error less smoother, in standard deviations of that difference. ``told``: whether the records say
+    anything of it, its standard deviation below the size that is common in practice. ``gain`` of the log likelihood, over the colour of
+    what is left; ``p_value`` of that gain, one-sided where only one sign can be.
+    """
+
+    name: str
+    channel: str
+    kind: str
+    unit: str
+    output_error: FaultQuantity
+    smoother: FaultQuantity
+    difference: float
+    gain: float
+    p_value: float
+    told: bool
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the two methods agree within three standard deviations."""
+        return abs(self.difference) <= 3.0
+
+
+@dataclass(frozen=True)
+class SensorFinding:
+    """One fault tested against coloured residuals, beside the faults that stand.
+
+    ``kind``: scale, delay, lag, drift or arm; ``name`` the effect's name. ``value`` is the effect's own parameter: a scale is a factor.
+    ``gain`` of the log likelihood. ``stands``: the fault, or one of its ``group`` (names), is needed. ``replicates``: the records by
+    themselves agree; always so for one record. ``lost``: log likelihood lost with it in the place of the nearest that stands, zero for the
+    best of a group; None where nothing stands, or where it has been refused.
+    ``probabilities`` of the fault and its group by name: of their likelihoods and of how far sensors usually are from the centre of gravity.
+    """
+
+    channel: str
+    kind: str
+    value: float
+    std: float
+    unit: str
+    gain: float
+    stands: bool
+    group: tuple[str, ...]
+    name: str = ""
+    replicates: bool = True
+    lost: float | None = None
+    probabilities: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """One record: by output, what was measured, what the kinematics make of the other channels, and what is left. ``(N,)`` each, SI.
+
+    ``recorded`` follows from the measured inputs as they are, ``integrated`` from them less the faults that stand, ``smoothed`` also from the
+    output; ``used`` is False where a sample is missing or set aside.
+    """
+
+    record: str
+    time: np.ndarray
+    measured: Mapping[str, np.ndarray]
+    recorded: Mapping[str, np.ndarray]
+    integrated: Mapping[str, np.ndarray]
+    smoothed: Mapping[str, np.ndarray]
+    used: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """A check of one record, or of several together (``records``: their names).
+
+    ``biases``: of one record only. ``noise_std`` by channel, unit of the channel: of the outputs, and of the inputs as their integral shows it.
+    """
+
+    records: tuple[str, ...]
+    estimates: tuple[SensorEstimate, ...]
+    biases: tuple[SensorEstimate, ...]
+    findings: tuple[SensorFinding, ...]
+    noise_std: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Compatibility:
+    """The result of ``compatibility``.
+
+    Attributes
+    ----------
+    channels : all that were looked at. relations : by output, the channels that its relation joins.
+    joint : all records together, sensor faults in common; ``single``: each by itself, empty where that was not asked.
+    cannot_tell : sentences, from the information of the records. notes : what else there is to say.
+    """
+
+    channels: tuple[str, ...]
+    relations: Mapping[str, tuple[str, ...]]
+    joint: CheckResult
+    single: tuple[CheckResult, ...]
+    reconstructions: tuple[Reconstruction, ...]
+    cannot_tell: tuple[str, ...]
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def findings(self) -> tuple[SensorFinding, ...]:
+        """Those of all records together, the standing ones first."""
+        return self.joint.findings
+
+
+# ---- One fault tried beside others
 
 _WORTH = 2.5  # first-order gain from which a fault is fitted in full
 _REPLICATION = 1e-3  # p-value below which the records contradict each other
@@ -27,7 +172,7 @@ class Trial:
     """A fault fitted beside others: the fit, its variance (white noise and corrected), gain and p-value over the colour of what is left."""
 
     fault: SensorFault
-    found: Fit
+    found: KinematicFit
     size: float
     white: float
     variance: float
@@ -39,7 +184,7 @@ class Trial:
         return 0.0 < self.variance < self.fault.plausible**2
 
 
-def tried(base: Fit, faults: Sequence[SensorFault]) -> list[Trial]:
+def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[Trial]:
     """Each fault beside those of ``base``: to first order, and fitted in full where it may come to matter."""
     out = []
     for fault, quick in zip(faults, one_step(base, faults), strict=True):
@@ -49,7 +194,7 @@ def tried(base: Fit, faults: Sequence[SensorFault]) -> list[Trial]:
     return out
 
 
-def _trial(base: Fit, fault: SensorFault, found: Fit) -> Trial:
+def _trial(base: KinematicFit, fault: SensorFault, found: KinematicFit) -> Trial:
     sigmas = smoother_sigmas(found)
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
@@ -83,8 +228,8 @@ def estimate_of(trial: Trial) -> SensorEstimate:
         fault.channel,
         fault.kind,
         fault.unit,
-        Quantity(float(values[-1]) + fault.offset, math.sqrt(max(own, 0.0))),
-        Quantity(trial.size + fault.offset, math.sqrt(max(trial.variance, 0.0))),
+        FaultQuantity(float(values[-1]) + fault.offset, math.sqrt(max(own, 0.0))),
+        FaultQuantity(trial.size + fault.offset, math.sqrt(max(trial.variance, 0.0))),
         difference if trial.told else 0.0,
         trial.gain,
         trial.p_value,
@@ -92,7 +237,7 @@ def estimate_of(trial: Trial) -> SensorEstimate:
     )
 
 
-def bias_estimates(base: Fit) -> tuple[SensorEstimate, ...]:
+def bias_estimates(base: KinematicFit) -> tuple[SensorEstimate, ...]:
     """The biases that every fit of one record leaves free."""
     sigmas, (values, covariance) = smoother_sigmas(base), output_error(base)
     out = []
@@ -109,8 +254,8 @@ def bias_estimates(base: Fit) -> tuple[SensorEstimate, ...]:
                 fault.channel,
                 BIAS,
                 fault.unit,
-                Quantity(float(values[i]), math.sqrt(one)),
-                Quantity(value, math.sqrt(other)),
+                FaultQuantity(float(values[i]), math.sqrt(one)),
+                FaultQuantity(value, math.sqrt(other)),
                 difference_in_sigmas(float(values[i]), one, value, other),
                 0.0,
                 1.0,
@@ -120,12 +265,12 @@ def bias_estimates(base: Fit) -> tuple[SensorEstimate, ...]:
     return tuple(out)
 
 
-def with_more_faults(base: Fit, faults: Sequence[SensorFault], sizes: np.ndarray) -> Fit:
+def with_more_faults(base: KinematicFit, faults: Sequence[SensorFault], sizes: np.ndarray) -> KinematicFit:
     """The fit of one record with faults that stand in all."""
     return fit(base.signals, faults, base, sizes) if faults else base
 
 
-def replicates(bases: Sequence[Fit], current: Fit, trial: Trial) -> bool:
+def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Trial) -> bool:
     """Whether the records by themselves agree on a fault, beside those that stand, and demand it together with the sign that it has in all."""
     from scipy.special import chdtrc
 
@@ -140,7 +285,7 @@ def replicates(bases: Sequence[Fit], current: Fit, trial: Trial) -> bool:
     return agree and mean * math.copysign(1.0, trial.size) > _DEMANDED / math.sqrt(float(np.sum(w)))
 
 
-def one_step(base: Fit, faults: Sequence[SensorFault]) -> list[Fit]:
+def one_step(base: KinematicFit, faults: Sequence[SensorFault]) -> list[KinematicFit]:
     """For each fault the fit in which it is added to ``base``, to first order and with the noise of ``base``: one linear solve each."""
     white, at, slopes = whitened(base), positions(base), []
     information, gradient = np.diag(prior_information(base)), np.zeros(sum(len(own) for own in base.own) + len(base.faults))
@@ -157,7 +302,7 @@ def one_step(base: Fit, faults: Sequence[SensorFault]) -> list[Fit]:
 
 
 def _with_step(
-    base: Fit,
+    base: KinematicFit,
     fault: SensorFault,
     j: int,
     white: Sequence[tuple[np.ndarray, np.ndarray]],
@@ -166,7 +311,7 @@ def _with_step(
     added: Sequence[np.ndarray],
     information: np.ndarray,
     gradient: np.ndarray,
-) -> Fit:
+) -> KinematicFit:
     n = len(gradient)
     whole, right = np.zeros((n + 1, n + 1)), np.append(gradient, 0.0)
     whole[:n, :n] = information
@@ -189,4 +334,4 @@ def _with_step(
     total = sum(len(o) for o in own)
     sizes = np.append(base.sizes + step[total:n], step[n])
     cost = base.cost - 0.5 * max(float(right @ step), 0.0)
-    return Fit(base.signals, (*base.faults, fault), sizes, tuple(own), base.noise, cost, tuple(residuals), tuple(jacobians), tuple(outputs))
+    return KinematicFit(base.signals, (*base.faults, fault), sizes, tuple(own), base.noise, cost, tuple(residuals), tuple(jacobians), tuple(outputs))

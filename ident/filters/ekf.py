@@ -1,10 +1,15 @@
-"""Extended Kalman filter for states and parameters, on filterpy's ExtendedKalmanFilter.
+"""Extended Kalman filter for states and parameters, and its iterated form.
 
 Continuous dynamics, discrete measurements (eqs. 1-16 of the simulated-flight-data paper, eqs. 12-22 of
 NASA TM-101722): free parameters are states with zero rate; the mean is integrated, the covariance moves
 with a fundamental matrix whose F is held over a step, the update is Joseph's. Missing samples are left
 out channel by channel; sampling may be uneven. Prediction and update are filterpy's; the matrices come from the table of the
-equations (`ident.filters.table_equations`) where they have one, else from complex steps.
+equations (`ident.filters.one_record`) where they have one, else from complex steps.
+
+For the dynamics and noise declared this is the Gauss-Newton method for the most probable trajectory and
+parameters (Bell, "The Iterated Kalman Smoother as a Gauss-Newton Method", SIAM J. Optimization 4(3), 1994).
+A start that is far off no longer leaves its mark: the prior keeps its mean and weight, only the point of
+linearisation moves, so no datum counts twice.
 """
 
 from __future__ import annotations
@@ -17,15 +22,15 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
-from ident.filters.history import HistoryKeeper, breakdown, empty_history, finished
-from ident.filters.one_record import Equations, filter_one
-from ident.filters.problem import FilterProblem, filter_problem, with_free
-from ident.filters.table_equations import table_equations
-from ident.filters.transition import Taylor, Transition, log_gaussian
+from ident.filters.one_record import Equations, Taylor, Transition, filter_one, log_gaussian, table_equations
+from ident.filters.problem import FilterProblem, HistoryKeeper, breakdown, empty_history, filter_problem, finished, with_free
+from ident.filters.smoother import SmoothedHistory, smooth
 from sim.declaration.model import System
 from sim.maths import complex_step_jacobian, jacobian_in_one_call
 from sim.propagation import Step, rk4_step
 from sim.record import Record
+
+# ---- Extended Kalman filter for states and parameters, on filterpy's ExtendedKalmanFilter
 
 SETTLED = 0.01  # of a standard deviation: below it a further pass changes nothing that matters
 OnePass = Callable[..., Estimate]
@@ -60,7 +65,7 @@ def run_ekf(record: Record, system: System, settings: FilterSettings | None = No
     record : measured data; outputs that the System does not know are ignored.
     system : compiled with ``online=True``; initial state, priors and noise from its declaration.
     settings : integration; RK4 mean and three Taylor terms when None.
-    by : what runs a pass; ``filter_by_filterpy`` when None. ``ident.banks.single_filter.filter_batched`` is the own kernel, equal to rounding.
+    by : what runs a pass; ``filter_by_filterpy`` when None. ``ident.banks.bank.filter_batched`` is the own kernel, equal to rounding.
 
     Returns
     -------
@@ -267,3 +272,56 @@ def _update(ekf: Any, problem: FilterProblem, equations: _Linearised, k: int, ke
 
 def _jacobian(function: Callable[[list[Any]], Sequence[Any]], x: list[float]) -> np.ndarray:
     return complex_step_jacobian(function, x) if len(x) < _FEW else jacobian_in_one_call(function, x)
+
+
+# ---- Iterated extended Kalman filter
+
+
+def run_iterated_ekf(
+    record: Record,
+    system: System,
+    settings: FilterSettings | None = None,
+    iterations: int = 15,
+    *,
+    first: System | None = None,
+    by: OnePass = filter_by_filterpy,
+) -> Estimate:
+    """Estimate states and free parameters by a filter that is linearised anew about its own smoothed result.
+
+    Parameters
+    ----------
+    record, system, settings : as for ``run_ekf``; ``settings.passes`` is not used.
+    iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its sigma.
+    first : the same system with another start and narrower priors, for the first pass alone: it gives the first point to linearise at.
+    by : what runs a pass, as for ``run_ekf``.
+
+    Returns
+    -------
+    Estimate after the last pass; its outcome is ``MAX_ITERATIONS`` when it had not settled. Where a pass broke down, the
+    estimate is that of the pass before it, with the outcome of the one that broke down.
+
+    Raises
+    ------
+    ModelError : as for ``run_ekf``.
+    """
+    settings = settings or FilterSettings()
+    problem = filter_problem(record, system, settings.max_step)
+    begun = by(problem if first is None else filter_problem(record, first, settings.max_step), settings)
+    return settled(begun, lambda done: by(problem, settings, about=done.mean), iterations)
+
+
+def settled(estimate: Estimate, further: Callable[[SmoothedHistory], Estimate], iterations: int) -> Estimate:
+    """Passes about the smoothed result of the one before, until no parameter moves by more than a hundredth of its sigma."""
+    if estimate.outcome is not Outcome.CONVERGED:
+        return estimate
+    for done in range(2, iterations + 1):
+        assert estimate.history is not None
+        again = further(smooth(estimate.history))
+        if again.outcome is not Outcome.CONVERGED:
+            said = f"pass {done} broke down {again.message}: values and sigmas are those of the pass before it, which had not settled"
+            return replace(estimate, outcome=again.outcome, message=said)
+        moved = np.max(np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny), initial=0.0)
+        estimate = replace(again, iterations=done)
+        if moved < SETTLED:
+            return estimate
+    return replace(estimate, outcome=Outcome.MAX_ITERATIONS)

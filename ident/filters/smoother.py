@@ -1,17 +1,26 @@
-"""Fixed-interval smoother: what the whole record says of every sample, from what a filter kept.
+"""Fixed-interval smoother, and parameter covariance corrected for coloured innovations.
 
 The Rauch-Tung-Striebel smoother (AIAA Journal 3(8), 1965) in the form of Bryson and Frazier (Bierman, "Fixed Interval
 Smoothing with Discrete Measurements", Int. J. Control 18(1), 1973): the same numbers without inverting the predicted
 covariance, which is singular where a state is known exactly, and nearly so for parameters without process noise.
+
+A filter's covariance holds for white measurement noise. Coloured noise repeats itself from sample
+to sample, so that the record says less than the filter believes. The correction is that of
+whole-record fits (`ident.statistics.residual_spectrum`): the information stays, and the scatter
+of the gradient is formed with the spectra of the residuals. These are the residuals of the filter
+that knows the smoothed initial state exactly; without process noise those of output error.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.estimate import FilterHistory
+from ident.estimate import Estimate, FilterHistory, Outcome
+from ident.statistics.residual_spectrum import corrected_covariance
+
+# ---- Fixed-interval smoother
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,3 +92,128 @@ def _at_most(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
     own = np.diagonal(P, axis1=1, axis2=2)
     factor = np.sqrt(np.divide(np.minimum(own, variance), own, out=np.zeros_like(own), where=own > 0))
     return np.asarray(P * (factor[:, :, None] * factor[:, None]))
+
+
+# ---- Parameter covariance of a filter, corrected for innovations that are not white
+
+_SIGNIFICANT = 4.0  # of the standard deviations 1/sqrt(N) that an autocorrelation of white noise has
+_ROUNDING = 1e-9  # of a covariance, below which a difference of two is no process noise
+
+
+@dataclass(frozen=True, eq=False)
+class ColouredInnovations:
+    """What coloured innovations do to the standard deviations of a filter's parameters.
+
+    Attributes
+    ----------
+    names : the ``s`` parameters that the filter estimates.
+    covariance : ``(s, s)`` of the parameters, corrected.
+    factor : ``(s,)`` corrected standard deviations over those of white noise; at least one.
+    lag_one : autocorrelation of the whitened residuals one sample apart, by output that was measured.
+    significant : whether the autocorrelation of some output is more than white noise shows.
+    """
+
+    names: tuple[str, ...]
+    covariance: np.ndarray
+    factor: np.ndarray
+    lag_one: dict[str, float]
+    significant: bool
+
+
+def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
+    """Correct the parameter covariance of a filter for coloured innovations.
+
+    Parameters
+    ----------
+    estimate : of an extended or unscented filter, with its history; its parameters are no random walks.
+
+    Returns
+    -------
+    The correction; None where the filter broke down or its numbers allow none.
+    """
+    history = estimate.history
+    if history is None or estimate.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
+        return None
+    free = np.flatnonzero(np.diagonal(history.predicted_covariance[0]) > 0.0)
+    known = [history.names[i] for i in free]
+    names = tuple(name for name in estimate.names if name in known)
+    at = [known.index(name) for name in names]
+    with np.errstate(all="ignore"):
+        try:
+            residual, slopes = _whitened(history, np.square(estimate.noise_std))
+        except np.linalg.LinAlgError:
+            return None
+        slopes = slopes[:, :, free]
+        prior = np.sqrt(np.diagonal(history.predicted_covariance[0])[free])
+        scaled = slopes * prior
+        information = np.einsum("imj,imk->jk", scaled, scaled)
+        if not (np.all(np.isfinite(information)) and np.all(np.isfinite(residual))):
+            return None
+        try:
+            inverse = np.linalg.inv(information + np.eye(len(free)))
+        except np.linalg.LinAlgError:
+            return None
+        part = np.arange(len(free)), scaled, residual, history.valid
+        try:
+            found = corrected_covariance(inverse, [part], np.ones(len(residual)), np.eye(len(free)))
+        except np.linalg.LinAlgError:
+            return None
+    scale = prior[at]
+    covariance = found[np.ix_(at, at)] * np.outer(scale, scale)
+    white = np.diagonal(inverse)[at] * scale**2
+    if not (np.all(np.isfinite(covariance)) and np.all(white > 0.0)):
+        return None
+    rows = [each for each in zip(estimate.output_names, residual, history.valid, strict=True) if each[2].any()]
+    lag_one = {name: _lag_one(row, known) for name, row, known in rows}
+    significant = any(abs(lag_one[name]) > _SIGNIFICANT / np.sqrt(np.count_nonzero(known)) for name, _, known in rows)
+    return ColouredInnovations(names, covariance, np.sqrt(np.maximum(np.diagonal(covariance) / white, 1.0)), lag_one, significant)
+
+
+def with_coloured_covariance(estimate: Estimate) -> Estimate:
+    """The estimate with its covariance corrected for coloured innovations; unchanged where there is no correction."""
+    found = coloured_innovations(estimate)
+    return estimate if found is None or found.names != estimate.names else replace(estimate, covariance=found.covariance)
+
+
+def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals ``(m, N)`` and their slopes ``(m, N, n)`` with the initial state and the parameters at their smoothed values, of unit variance.
+
+    The history is a linear filter: what it predicted, its matrices and its innovations give the same filter from another start, whose
+    covariance is that of the process noise alone.
+    """
+    H, Phi, n, N = history.sensitivity, history.transition, len(history.names), len(history.time)
+    noise = _process_noise(history)
+    x, D, P = smooth(history).mean[:, 0], np.eye(n), np.zeros((n, n))
+    m, R = len(variance), np.diag(variance)
+    residual, slopes = np.zeros((m, N)), np.zeros((m, N, n))
+    for k in range(N):
+        if k:
+            x = history.predicted_mean[:, k] + Phi[k] @ (x - history.mean[:, k - 1])
+            D = Phi[k] @ D
+            if noise is not None:
+                P = Phi[k] @ P @ Phi[k].T + noise[k]
+        e = history.innovation[:, k] + H[k] @ (history.predicted_mean[:, k] - x)
+        S, J = R + H[k] @ P @ H[k].T, H[k] @ D
+        root = np.linalg.cholesky(S)
+        residual[:, k], slopes[:, k] = np.linalg.solve(root, e), np.linalg.solve(root, J)
+        if noise is not None:
+            K = np.linalg.solve(S, H[k] @ P).T
+            x, kept = x + K @ e, np.eye(n) - K @ H[k]
+            D, P = kept @ D, kept @ P @ kept.T + K @ R @ K.T
+    return np.where(history.valid, residual, 0.0), slopes
+
+
+def _process_noise(history: FilterHistory) -> np.ndarray | None:
+    """Q_k ``(N, n, n)`` of each step, what a prediction added to the covariance; None where that is rounding alone."""
+    Phi, after, before = history.transition[1:], history.covariance[:-1], history.predicted_covariance[1:]
+    added = before - Phi @ after @ Phi.transpose(0, 2, 1)
+    scale = np.sqrt(np.maximum(np.diagonal(before, axis1=1, axis2=2), 0.0))
+    added[np.abs(added) <= _ROUNDING * (scale[:, :, None] * scale[:, None])] = 0.0
+    if not np.any(added):
+        return None
+    return np.concatenate([np.zeros((1, *added.shape[1:])), 0.5 * (added + added.transpose(0, 2, 1))])
+
+
+def _lag_one(row: np.ndarray, known: np.ndarray) -> float:
+    both, power = known[1:] & known[:-1], float(np.sum(np.square(row[known])))
+    return float(np.sum(row[1:][both] * row[:-1][both]) / power) if power > 0.0 else 0.0

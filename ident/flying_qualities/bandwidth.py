@@ -31,7 +31,7 @@ _NEAR = -60.0  # deg, about which the phase of an attitude begins; settles its s
 
 
 @dataclass(frozen=True)
-class Quantity:
+class BandwidthQuantity:
     """A number with its standard deviation."""
 
     value: float
@@ -50,14 +50,14 @@ class Bandwidth:
     notes : why something is None, one sentence each.
     """
 
-    neutral: Quantity | None
-    phase: Quantity | None
-    gain: Quantity | None
-    delay: Quantity | None
+    neutral: BandwidthQuantity | None
+    phase: BandwidthQuantity | None
+    gain: BandwidthQuantity | None
+    delay: BandwidthQuantity | None
     notes: tuple[str, ...] = ()
 
     @property
-    def bandwidth(self) -> Quantity | None:
+    def bandwidth(self) -> BandwidthQuantity | None:
         """The lesser of phase and gain bandwidth, as for rate response types; for an attitude
         command the phase bandwidth counts alone."""
         both = [each for each in (self.phase, self.gain) if each is not None]
@@ -118,7 +118,7 @@ def attitude_bandwidth(target: Target, *, rate: bool) -> Bandwidth:
     return Bandwidth(neutral, phase, gain, delay, tuple(notes))
 
 
-def dropback(function: FittedResponse) -> Quantity | None:
+def dropback(function: FittedResponse) -> BandwidthQuantity | None:
     """Dropback over steady pitch rate, s: T_theta2 - 2 damping/frequency - delay, of a pitch rate
     fitted by the form ``pitch``; negative is overshoot. None for any other form.
 
@@ -133,7 +133,7 @@ def dropback(function: FittedResponse) -> Quantity | None:
     return _propagated(function, value)
 
 
-def _propagated(function: FittedResponse, value: Callable[[dict[str, float]], float]) -> Quantity | None:
+def _propagated(function: FittedResponse, value: Callable[[dict[str, float]], float]) -> BandwidthQuantity | None:
     p = dict(function.values)
     if not all(abs(p[name]) > 1e-9 for name in ("inv_T_theta2", "frequency")):
         return None
@@ -143,7 +143,7 @@ def _propagated(function: FittedResponse, value: Callable[[dict[str, float]], fl
         both = [value({**p, name: p[name] + sign * step}) for sign in (1.0, -1.0)]
         slopes.append((both[0] - both[1]) / (2.0 * step))
     row = np.array(slopes)
-    return Quantity(value(p), math.sqrt(max(float(row @ function.covariance @ row), 0.0)))
+    return BandwidthQuantity(value(p), math.sqrt(max(float(row @ function.covariance @ row), 0.0)))
 
 
 def attitude_curve(target: Target, *, rate: bool) -> AttitudeCurve:
@@ -165,7 +165,7 @@ def _crossing(
     level: float,
     extra: float,
     before: float | None = None,
-) -> Quantity | None:
+) -> BandwidthQuantity | None:
     """Where a curve falls through a level whose own deviation is ``extra``: for the first time, or
     for the last time before a frequency."""
     below = np.flatnonzero((values[:-1] > level) & (values[1:] <= level))
@@ -182,7 +182,7 @@ def _crossing(
     value, slope, spread = _line(curve, values, std, at)
     if not slope < 0.0:
         return None
-    return Quantity(at, at * math.hypot(spread, extra) / abs(slope))
+    return BandwidthQuantity(at, at * math.hypot(spread, extra) / abs(slope))
 
 
 def _line(curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float) -> tuple[float, float, float]:
@@ -217,7 +217,7 @@ def parabola_at(curve: Curve, values: np.ndarray, std: np.ndarray, at: float) ->
     return Parabola(float(found[0]), float(found[1]), 2.0 * float(found[2]), spread)
 
 
-def _phase_delay(curve: AttitudeCurve, neutral: float) -> Quantity:
+def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
     """Half of the slope of the phase, rad over rad/s, by the straight line through it between the
     frequency of -180 deg and twice that, evenly weighted; the phase is joined by lines."""
     first = max(int(np.searchsorted(curve.omega, neutral)) - 1, 0)
@@ -229,7 +229,7 @@ def _phase_delay(curve: AttitudeCurve, neutral: float) -> Quantity:
     covariance = gain @ _shared(curve, curve.phase_std[places], places) @ gain.T
     half = 0.5 * math.pi / 180.0
     slope = float(gain[1] @ curve.phase[places])
-    return Quantity(-half * slope, half * math.sqrt(max(float(covariance[1, 1]), 0.0)))
+    return BandwidthQuantity(-half * slope, half * math.sqrt(max(float(covariance[1, 1]), 0.0)))
 
 
 def _shared(curve: Curve, std: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from ident.flying_qualities.handling_qualities import Level, Quality, criteria, levels
+from ident.flying_qualities.levels import Level, Quality, criteria, levels
 from ident.frequency_response.transfer_function import DELAY, FittedResponse
 
 GRAVITY = 9.80665

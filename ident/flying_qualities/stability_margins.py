@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.flying_qualities.bandwidth import REACH, Quantity, parabola_at
+from ident.flying_qualities.bandwidth import REACH, BandwidthQuantity, parabola_at
 from ident.frequency_response.transfer_function import Target
 
 REQUIRED_GAIN, REQUIRED_PHASE = 6.0, 45.0  # dB and deg, below the first structural mode
@@ -41,8 +41,8 @@ class Margin:
     """
 
     kind: str
-    size: Quantity
-    frequency: Quantity
+    size: BandwidthQuantity
+    frequency: BandwidthQuantity
     low: float
     high: float
     open: bool = False
@@ -228,8 +228,8 @@ def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) ->
             half = near.std * math.sqrt(spare)
             low, high = min(low, near.value - half), max(high, near.value + half)
             there *= math.exp(direction * step)
-    where = Quantity(at, at * std / abs(slope))
-    return Margin(kind, Quantity(middle.value, spread), where, low, high, open_)
+    where = BandwidthQuantity(at, at * std / abs(slope))
+    return Margin(kind, BandwidthQuantity(middle.value, spread), where, low, high, open_)
 
 
 @dataclass(frozen=True)
@@ -271,8 +271,8 @@ def _least_distance(curve: LoopCurve) -> Margin | None:
     near = parabola_at(curve, curve.distance, curve.distance_std, at)
     size = 10.0 ** (near.value / 20.0)
     ends = [10.0 ** ((near.value + sign * NORMAL * near.std) / 20.0) for sign in (-1.0, 1.0)]
-    where = Quantity(at, 0.0)
-    return Margin("distance", Quantity(size, size * near.std / _DECIBEL), where, ends[0], ends[1])
+    where = BandwidthQuantity(at, 0.0)
+    return Margin("distance", BandwidthQuantity(size, size * near.std / _DECIBEL), where, ends[0], ends[1])
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from ident.frequency_domain.linear_model import linear_model
 from ident.frequency_domain.noise_spectrum import levels
 from ident.frequency_domain.response import Delay, response
 from ident.frequency_domain.transform import TransformedRecord
-from ident.statistics.normal_equations import LocalModel, add_normal_equations, local_model, unresolved
+from ident.statistics.information import LocalModel, add_normal_equations, local_model, unresolved
 from sim.declaration.model import System
 
 _STEEPEST = 1e8  # damping from which no descent is left

@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 
 from ident.frequency_domain.fit import FrequencyFit, fit_transforms
-from ident.statistics import profile
+from ident.statistics import intervals
 from ident.statistics.information import inverse_information
-from ident.statistics.profile import ProfileInterval
+from ident.statistics.intervals import ProfileInterval
 
 
 def profile_intervals(fit: FrequencyFit, names: Sequence[str], covariance: np.ndarray) -> tuple[ProfileInterval, ...]:
@@ -19,7 +19,7 @@ def profile_intervals(fit: FrequencyFit, names: Sequence[str], covariance: np.nd
     inverse, _ = inverse_information(fit.normal_equations[0], fit.theta)
     problem = fit.problem
     places = {name: problem.names.index(name) for name in names}
-    return profile.profile_intervals(places, fit.theta, fit.cost, (covariance, inverse), (problem.low, problem.high), partial(_refit, fit))
+    return intervals.profile_intervals(places, fit.theta, fit.cost, (covariance, inverse), (problem.low, problem.high), partial(_refit, fit))
 
 
 def _refit(fit: FrequencyFit, j: int, along: np.ndarray) -> Callable[[float, FrequencyFit | None], tuple[float, FrequencyFit] | None]:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.whole_record.layout import LaidOut, Standardised, WeightedResiduals
 from ident.whole_record.linearise import Linearisation
-from ident.whole_record.noise_model import LaidOut, Standardised, WeightedResiduals
 
 
 @dataclass(frozen=True, eq=False)

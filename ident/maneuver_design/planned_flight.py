@@ -10,9 +10,8 @@ import numpy as np
 from ident.maneuver_design.known_levels import KnownLevels
 from ident.statistics.information import inverse_information
 from ident.tracing.candidate_model.fitted_model import FittedModel, known_beforehand
-from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
-from ident.whole_record.layout import FitLayout, FitSettings, lay_out
+from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_out
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable

@@ -1,32 +1,218 @@
-"""The search: candidates of each control, which of them count, turns and pull-ups of the motion, trim points."""
+"""Search for maneuvers in a long record: controls, motion, excitation, trim points.
+
+The acceleration of an axis is regressed on a constant and the regressors of its moment (Klein and Morelli, Aircraft System
+Identification, 2nd ed., chapter 5),
+
+    q_dot = c + M_alpha alpha + M_q q + M_de elevator,
+
+and each derivative gets the absolute value of its estimate over its standard deviation. The t value does not depend on the units
+of the regressors, and equals that of the non-dimensional derivative. Residuals that are correlated in time carry less information:
+with rho the correlation of neighbours, the variance is multiplied by (1 + rho) / (1 - rho).
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from ident.maneuver_detection.excitation import excitation_of
-from ident.maneuver_detection.motion import mean_conditions, pulls, trim_points, turns
-from ident.maneuver_detection.shapes import (
+from ident.maneuver_detection.signals import (
+    AXES,
     SWITCH,
+    Activity,
+    FlightSignals,
+    Lobe,
+    Maneuver,
     Shape,
+    Stretch,
+    activity_of,
     lobes_of,
     oscillation_of,
     same_lines,
     step_shapes,
-)
-from ident.maneuver_detection.signals import (
-    AXES,
-    Activity,
-    Maneuver,
-    Signals,
-    Stretch,
-    activity_of,
     stretches,
     trim_of,
 )
+
+# ---- How well a maneuver determines each derivative
+
+# Axis -> what is differentiated, and derivative -> its regressor; a regressor that is not recorded is left out.
+EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
+    "pitch": ("q", {"Cm_alpha": "alpha", "Cm_q": "q", "Cm_de": "elevator", "M_delta": "stick", "M_lon": "pitch_command"}),
+    "roll": (
+        "p",
+        {"Cl_beta": "beta", "Cl_p": "p", "Cl_r": "r", "Cl_da": "aileron", "Cl_dr": "rudder", "L_lat": "roll_command"},
+    ),
+    "yaw": (
+        "r",
+        {"Cn_beta": "beta", "Cn_p": "p", "Cn_r": "r", "Cn_da": "aileron", "Cn_dr": "rudder", "N_ped": "yaw_command"},
+    ),
+    "throttle": ("airspeed", {"X_V": "airspeed", "X_thrust": "thrust"}),
+}
+BEFORE, AFTER = (
+    1.0,
+    4.0,
+)  # s of motion around the input that are used: the response goes on when the input is over
+AVERAGED = 0.1  # s, over which samples are averaged; a twentieth of a shorter maneuver
+FEWEST = 3.0  # averages a parameter
+CORRELATED = 0.95  # largest correlation of neighbours that is corrected for
+LARGEST = 1000.0  # of a t value: noise-free records have no other limit
+
+
+def excitation_of(stretch: Stretch, start: float, end: float, axis: str) -> dict[str, float]:
+    """Derivative -> absolute t value from the rows about a maneuver; empty where what is needed is not recorded.
+
+    Parameters
+    ----------
+    start, end : s, of the maneuver. axis : one of the keys of ``EQUATIONS``.
+    """
+    output, regressors = EQUATIONS[axis]
+    rows = stretch.rows(start - BEFORE, end + AFTER)
+    signals = {**stretch.inputs, **stretch.outputs}
+    if output not in signals:
+        return {}
+    block = max(1, round(min(AVERAGED, (end - start + BEFORE + AFTER) / 60.0) / stretch.step))
+    averaged = {name: _averaged(signals[channel][rows], block) for name, channel in regressors.items() if channel in signals}
+    averaged = {name: values for name, values in averaged.items() if values.size and np.ptp(values) > 0.0}
+    measured = _averaged(signals[output][rows], block)
+    if measured.size < FEWEST * (len(averaged) + 1) or not averaged:
+        return {}
+    acceleration = np.gradient(measured, block * stretch.step)
+    centred = np.column_stack([values - values.mean() for values in averaged.values()])
+    scaled = centred / np.sqrt(np.sum(centred**2, axis=0))
+    wanted = acceleration - acceleration.mean()
+    estimate, _, rank, _ = np.linalg.lstsq(scaled, wanted, rcond=1e-10)
+    if rank < scaled.shape[1]:
+        return {}
+    residual = wanted - scaled @ estimate
+    power = float(residual @ residual)
+    rho = float(np.clip(residual[1:] @ residual[:-1] / power, 0.0, CORRELATED)) if power > 0.0 else 0.0
+    variance = power / (measured.size - len(averaged) - 1) * (1.0 + rho) / (1.0 - rho)
+    sigma = np.sqrt(np.maximum(variance * np.diag(np.linalg.inv(scaled.T @ scaled)), 0.0))
+    t = np.minimum(np.abs(estimate), LARGEST * sigma) / np.where(sigma > 0.0, sigma, 1.0)
+    return {name: float(value) if s > 0.0 else LARGEST for name, value, s in zip(averaged, t, sigma, strict=True)}
+
+
+def _averaged(values: np.ndarray, block: int) -> np.ndarray:
+    """Means of successive blocks of samples."""
+    count = values.size // block
+    return values[: count * block].reshape(count, block).mean(axis=1)
+
+
+# ---- Turns, pull-ups and trim points, from the motion of the aircraft
+
+BANK = math.radians(12.0)  # a smaller one is no turn
+LEVEL = 0.25  # of the bank, at which a turn begins and ends
+HELD = 8.0  # s, for which the bank is held to a fifth of itself
+HELD_SHARE = 0.5  # of a turn, for which at least the bank is held
+PULL = 0.25  # g about that of the bank, which a pull-up exceeds
+PULL_TIME = 1.2  # s, for which half of it lasts
+SMOOTH = 0.5  # s, over which motion is averaged
+TRIM_TIME = 10.0  # s, of the shortest trim point
+# Spread of 1 s averages within TRIM_TIME that a trim point may have; of the airspeed as a share.
+TRIM_SPREAD = {
+    "airspeed": 0.025,
+    "height": 8.0,
+    "altitude": 8.0,
+    "theta": math.radians(1.5),
+    "phi": math.radians(4.0),
+}
+
+
+def turns(stretch: Stretch) -> list[Maneuver]:
+    """Parts in which the bank is held."""
+    if "phi" not in stretch.outputs:
+        return []
+    bank = uniform_filter1d(stretch.outputs["phi"], stretch.samples(SMOOTH), mode="nearest")
+    out = []
+    for lobe in lobes_of(bank, BANK, join=False):
+        inside = bank[lobe.first : lobe.last]
+        middle = float(np.median(inside))
+        if np.count_nonzero(np.abs(inside - middle) < 0.2 * abs(middle)) * stretch.step < HELD:
+            continue
+        first, last = _to_level(bank * math.copysign(1.0, middle), lobe, LEVEL * abs(middle))
+        if np.count_nonzero(np.abs(bank[first:last] - middle) < 0.2 * abs(middle)) * stretch.step > HELD_SHARE * (last - first) * stretch.step:
+            out.append(
+                Maneuver(
+                    float(stretch.time[first]),
+                    float(stretch.time[last]),
+                    "roll",
+                    "turn",
+                    "phi",
+                    abs(middle),
+                )
+            )
+    return out
+
+
+def _to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
+    """The samples before and after a positive lobe at which the signal is below ``level``; the ends of the signal where it never is."""
+    before = np.flatnonzero(signal[: lobe.first] < level)
+    after = np.flatnonzero(signal[lobe.last :] < level)
+    return int(before[-1]) if before.size else 0, lobe.last + int(after[0]) if after.size else signal.size - 1
+
+
+def pulls(stretch: Stretch) -> list[tuple[int, int]]:
+    """Parts in which the load factor stays away from that of the bank: first sample, and the one after the last."""
+    if "nz" not in stretch.outputs:
+        return []
+    steady = 1.0
+    if "phi" in stretch.outputs:
+        steady = 1.0 / np.maximum(np.cos(stretch.outputs["phi"]), 0.2)
+    excess = uniform_filter1d(stretch.outputs["nz"] - steady, stretch.samples(SMOOTH), mode="nearest")
+    excess = excess - trim_of(stretch, excess)
+    out = []
+    for lobe in lobes_of(excess, PULL, join=False):
+        inside = np.abs(excess[lobe.first : lobe.last])
+        if np.count_nonzero(inside > 0.5 * inside.max()) * stretch.step >= PULL_TIME:
+            out.append((lobe.first, lobe.last))
+    return out
+
+
+def trim_points(stretch: Stretch, quiet: np.ndarray, controls: Mapping[str, np.ndarray]) -> list[Maneuver]:
+    """Parts of at least ``TRIM_TIME`` in which the inputs are quiet (``(N,)``) and speed, height, attitude and controls are constant.
+
+    ``controls`` : by how much the averages over 1 s of each may change meanwhile, ``(N,)``, in its unit.
+    """
+    size = stretch.samples(TRIM_TIME)
+    steady = quiet.copy()
+    looked = [(name, stretch.outputs[name], spread) for name, spread in TRIM_SPREAD.items() if name in stretch.outputs]
+    for name, values, spread in [*looked, *((name, stretch.inputs[name], spread) for name, spread in controls.items())]:
+        smooth = uniform_filter1d(values, stretch.samples(1.0), mode="nearest")
+        allowed = spread * np.abs(smooth) if name == "airspeed" else spread
+        around = maximum_filter1d(smooth, size, mode="nearest") - minimum_filter1d(smooth, size, mode="nearest")
+        steady &= around <= allowed
+    # Each steady sample is the middle of a steady window; between two of them it stays steady.
+    edges = np.flatnonzero(np.diff(steady.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    out: list[Maneuver] = []
+    for first, last in edges:
+        low, high = max(0, first - size // 2), min(quiet.size, last + size // 2)
+        while low < first and not quiet[low:first].all():
+            low += 1 + int(np.flatnonzero(~quiet[low:first])[-1])
+        loud = np.flatnonzero(~quiet[last:high])
+        high = last + int(loud[0]) if loud.size else high
+        if (high - low) * stretch.step >= TRIM_TIME:
+            if out and stretch.time[low] <= out[-1].end:
+                low = int(np.searchsorted(stretch.time, out.pop().start))
+            out.append(Maneuver(float(stretch.time[low]), float(stretch.time[high - 1]), "all", "trim", "", 0.0))
+    return out
+
+
+def mean_conditions(stretch: Stretch, start: float, end: float) -> dict[str, float]:
+    """Mean airspeed and height between two times, of what is recorded."""
+    rows = stretch.rows(start, end)
+    names: Sequence[tuple[str, str]] = (
+        ("airspeed", "airspeed"),
+        ("altitude", "height"),
+        ("height", "height"),
+    )
+    return {shown: float(np.mean(stretch.outputs[name][rows])) for name, shown in names if name in stretch.outputs}
+
+
+# ---- The search
 
 SEED, EDGE = (
     4.0,
@@ -63,7 +249,7 @@ ALTERNATING = ("doublet", "3-2-1-1", "multistep", *OSCILLATIONS)
 
 
 @dataclass(frozen=True)
-class Candidate:
+class ManeuverCandidate:
     """A shape that a control takes; ``strength``: its size over the control's rest level."""
 
     channel: str
@@ -75,7 +261,7 @@ class Candidate:
         return AXES[self.channel]
 
 
-def find_maneuvers(signals: Signals) -> tuple[Maneuver, ...]:
+def find_maneuvers(signals: FlightSignals) -> tuple[Maneuver, ...]:
     """All maneuvers and trim points of a record, in the order of their times.
 
     Each control is searched for level changes that make a pattern and for oscillations that rise above its local rest level; the
@@ -85,7 +271,7 @@ def find_maneuvers(signals: Signals) -> tuple[Maneuver, ...]:
     return tuple(sorted(found, key=lambda each: (each.start, each.axis)))
 
 
-def active_share(signals: Signals) -> float:
+def active_share(signals: FlightSignals) -> float:
     """Share of a record's time in which some control moves beyond its rest level; zero where it has none."""
     moving, total = 0, 0
     for stretch in stretches(signals):
@@ -138,7 +324,7 @@ def _found_in(stretch: Stretch) -> list[Maneuver]:
     ]
 
 
-def _maneuver(stretch: Stretch, each: Candidate) -> Maneuver:
+def _maneuver(stretch: Stretch, each: ManeuverCandidate) -> Maneuver:
     start, end = (float(stretch.time[min(k, stretch.time.size - 1)]) for k in (each.shape.first, each.shape.last))
     return Maneuver(start, end, each.axis, each.shape.kind, each.channel, each.shape.amplitude)
 
@@ -160,14 +346,14 @@ def _quiet(stretch: Stretch, activities: Mapping[str, Activity], moves: Sequence
     return quiet
 
 
-def accepted(each: Candidate) -> bool:
+def accepted(each: ManeuverCandidate) -> bool:
     """Whether a candidate is stronger, flatter and sharper than what a pilot does between maneuvers."""
     strength, flatness, edge, sharpness = ACCEPT[each.shape.kind]
     shape = each.shape
     return each.strength >= strength and shape.flatness >= flatness and shape.edge >= edge and shape.sharpness >= sharpness
 
 
-def candidates_of(stretch: Stretch, name: str, activity: Activity) -> list[Candidate]:
+def candidates_of(stretch: Stretch, name: str, activity: Activity) -> list[ManeuverCandidate]:
     """Patterns of levels and oscillations of a control that are strong enough, none overlapping another."""
     if not np.any(activity.rest > 0.0):
         return []
@@ -183,24 +369,24 @@ def candidates_of(stretch: Stretch, name: str, activity: Activity) -> list[Candi
         wave = replace(wave, first=wave.first + low, last=wave.last + low)
         inside = [each for each in found if each.shape.first < last and first < each.shape.last]
         explained = max((_energy(activity, each.shape) for each in inside), default=0.0)
-        whole = Candidate(name, wave, float(np.median(ratio[wave.first : wave.last])))
+        whole = ManeuverCandidate(name, wave, float(np.median(ratio[wave.first : wave.last])))
         many = len(inside) >= SEVERAL and whole.strength >= WEAK
         if explained < DOMINANT * _energy(activity, wave) and (accepted(whole) or many):
             found = [*(each for each in found if each not in inside), whole]
     return found
 
 
-def _candidate(name: str, shape: Shape, activity: Activity) -> Candidate:
-    return Candidate(name, shape, shape.amplitude / float(np.mean(activity.rest[shape.first : shape.last])))
+def _candidate(name: str, shape: Shape, activity: Activity) -> ManeuverCandidate:
+    return ManeuverCandidate(name, shape, shape.amplitude / float(np.mean(activity.rest[shape.first : shape.last])))
 
 
 def _energy(activity: Activity, shape: Shape) -> float:
     return float(np.sum(activity.deviation[shape.first : shape.last] ** 2))
 
 
-def _from_rest(candidates: Sequence[Candidate], rest: int) -> list[Candidate]:
+def _from_rest(candidates: Sequence[ManeuverCandidate], rest: int) -> list[ManeuverCandidate]:
     """The candidates, largest first, without those within ``rest`` samples of a larger one of their control."""
-    kept: list[Candidate] = []
+    kept: list[ManeuverCandidate] = []
     for each in sorted(
         candidates,
         key=lambda each: -each.strength * float(np.sqrt(each.shape.last - each.shape.first)),
@@ -222,7 +408,7 @@ def active_parts(ratio: np.ndarray, quiet: int) -> list[tuple[int, int]]:
     return [(first, last) for first, last in out if ratio[first:last].max() >= SEED]
 
 
-def _rolls_into(stretch: Stretch, each: Candidate, turning: Sequence[Maneuver]) -> bool:
+def _rolls_into(stretch: Stretch, each: ManeuverCandidate, turning: Sequence[Maneuver]) -> bool:
     """Whether an input of roll or yaw belongs to the beginning or the end of a turn."""
     if each.axis not in ("roll", "yaw") or each.shape.kind in (*OSCILLATIONS, "3-2-1-1"):
         return False
@@ -233,7 +419,7 @@ def _rolls_into(stretch: Stretch, each: Candidate, turning: Sequence[Maneuver]) 
     return any(abs(edge - 0.5 * (start + end)) < ROLLING or start < edge < end for turn in turning for edge in (turn.start, turn.end))
 
 
-def with_pulls(stretch: Stretch, activities: Mapping[str, Activity], candidates: list[Candidate]) -> list[Candidate]:
+def with_pulls(stretch: Stretch, activities: Mapping[str, Activity], candidates: list[ManeuverCandidate]) -> list[ManeuverCandidate]:
     """The candidates with pull-ups in the place of smooth inputs of the pitch control that change the load factor and hold it."""
     control = next((name for name in activities if AXES[name] == "pitch"), None)
     if control is None or not np.any(activities[control].rest > 0.0):
@@ -247,7 +433,7 @@ def with_pulls(stretch: Stretch, activities: Mapping[str, Activity], candidates:
         amplitude = float(np.max(np.abs(activity.deviation[slice(*lobe)])))
         strength = amplitude / float(np.mean(activity.rest[slice(*lobe)]))
         candidates = [c for c in candidates if c.axis != "pitch" or c.shape.last <= lobe[0] or c.shape.first >= last + recovery]
-        pull = Candidate(control, Shape("pull-up", *lobe, amplitude), strength)
+        pull = ManeuverCandidate(control, Shape("pull-up", *lobe, amplitude), strength)
         candidates += [pull] if accepted(pull) else []
     return candidates
 
@@ -264,9 +450,9 @@ def _pulling(stretch: Stretch, activity: Activity, first: int, last: int) -> tup
     return (before + lobes[0].first, before + lobes[0].last) if lobes else None
 
 
-def without_reactions(activities: Mapping[str, Activity], candidates: Sequence[Candidate]) -> list[Candidate]:
+def without_reactions(activities: Mapping[str, Activity], candidates: Sequence[ManeuverCandidate]) -> list[ManeuverCandidate]:
     """The candidates without those that overlap a stronger one of another control; multisines of lines of their own stay."""
-    kept: list[Candidate] = []
+    kept: list[ManeuverCandidate] = []
     for each in sorted(candidates, key=lambda each: -each.strength * each.shape.flatness):
         others = [
             other for other in kept if other.channel != each.channel and other.shape.first < each.shape.last and each.shape.first < other.shape.last
@@ -276,14 +462,14 @@ def without_reactions(activities: Mapping[str, Activity], candidates: Sequence[C
     return kept
 
 
-def _follows(activities: Mapping[str, Activity], each: Candidate) -> bool:
+def _follows(activities: Mapping[str, Activity], each: ManeuverCandidate) -> bool:
     """Whether another control moves more than ``LEADS`` times as far above its rest level meanwhile, be it without a form."""
     rows = slice(each.shape.first, each.shape.last)
     peaks = {name: float(np.max(_ratio(activity, rows))) for name, activity in activities.items() if AXES[name] != "throttle"}
     return each.channel in peaks and max(peaks.values()) > LEADS * peaks[each.channel]
 
 
-def _independent(activities: Mapping[str, Activity], one: Candidate, other: Candidate) -> bool:
+def _independent(activities: Mapping[str, Activity], one: ManeuverCandidate, other: ManeuverCandidate) -> bool:
     if not (one.shape.kind in OSCILLATIONS and other.shape.kind in OSCILLATIONS):
         return False
     rows = slice(max(one.shape.first, other.shape.first), min(one.shape.last, other.shape.last))

@@ -1,13 +1,15 @@
-"""Nouns of the search for maneuvers, and signals on an even grid with their local trim and rest level."""
+"""Signals of a long record on an even grid, and the kind of an input from its shape."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.ndimage import median_filter, percentile_filter, uniform_filter1d
+
+# ---- Nouns of the search for maneuvers
 
 # Controls by the axis that they move; of several controls of an axis each is searched.
 AXES: Mapping[str, str] = {
@@ -32,7 +34,7 @@ LEAST_REST = 0.02  # of the largest deviation, below which a rest level is not b
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
+class FlightSignals:
     """Recorded signals on one time base.
 
     Attributes
@@ -125,7 +127,7 @@ class Activity:
     rest: np.ndarray
 
 
-def stretches(signals: Signals) -> Iterator[Stretch]:
+def stretches(signals: FlightSignals) -> Iterator[Stretch]:
     """The parts of a record between pauses, each on an even grid of at most ``FASTEST``; parts of fewer than eight rows are left out."""
     time = np.asarray(signals.time, dtype=float)
     intervals = np.diff(time)
@@ -137,7 +139,7 @@ def stretches(signals: Signals) -> Iterator[Stretch]:
             yield _even(signals, slice(first, last), usual)
 
 
-def _even(signals: Signals, rows: slice, usual: float) -> Stretch:
+def _even(signals: FlightSignals, rows: slice, usual: float) -> Stretch:
     time = np.asarray(signals.time[rows], dtype=float)
     block = max(1, round(1.0 / (FASTEST * usual)))
     count = max(2, round((time[-1] - time[0]) / usual) + 1)
@@ -202,3 +204,295 @@ def trim_of(stretch: Stretch, values: np.ndarray) -> np.ndarray:
         np.arange(count) * block + 0.5 * (block - 1),
         median_filter(blocks, size=size, mode="reflect"),
     )
+
+
+# ---- The kind of an input
+
+RISES = (0.4, 1.0)  # s, within which a level change is complete
+EDGE_STRENGTH = 5.5  # of the rest level of such changes, from which on one is a level change
+MINOR = (0.25, 0.4)  # of the largest level change within 5 s, below which one may be the pilot's
+NEAR = 5.0  # s
+LONG_PULSE = 4.0  # s, from which on a level that returns is a step
+LONGEST = 16.0  # s, of one level
+LEVELS = 0.3  # of the largest level, which each must reach
+RETURN = 0.6  # of the largest level, to which the input must return
+CANCEL = 0.35  # of the larger, by which the two level changes of a pulse or a step may differ where the pilot moves the trim meanwhile
+OPEN = 0.8  # of the largest level, by which the sum of a pattern's level changes may differ from zero
+COMPLETE = 0.15  # power of the number of levels in the merit of a pattern: of two that are alike the fuller one counts
+STEADY_BEFORE, STEADY_AFTER = 2.0, LONG_PULSE  # s, for which the levels about a lasting step are kept
+STEADY = 0.15  # of a lasting step, by which these levels may scatter
+LASTING = 10.0  # s of a lasting step that are its maneuver
+SETTLE = 0.6  # s before and after a pattern, over which the levels outside are averaged
+SHARES = {"3-2-1-1": np.array([3.0, 2.0, 1.0, 1.0]) / 7.0}
+SHARE_ERROR = 0.1  # of the whole duration, by which a level of a 3-2-1-1 may be off
+PAUSED = (0.75, 7.0)  # flatness and edge of each half of a doublet with a pause, as of a pulse that counts by itself
+UNLIKE = 2.2  # ratio of durations of the two levels of a doublet
+SWITCH = 0.35  # of the amplitude, at which a half wave begins and ends
+AMPLITUDE = 95.0  # per cent of the larger samples that do not exceed the amplitude
+OSCILLATION = 7  # half waves, from which on an input is an oscillation
+TREND = 0.65  # rank correlation of the half waves' lengths with their order, from which on an oscillation is a sweep
+LINES = 0.7  # likeness of two spectra, from which on one follows the other
+SPREAD = 1.6  # ratio of the first third's to the last third's mean length in a sweep
+
+
+@dataclass(frozen=True)
+class Lobe:
+    """A run of one sign beyond the switching level: samples ``first`` to before ``last``, mean ``level``."""
+
+    first: int
+    last: int
+    level: float
+
+    @property
+    def size(self) -> int:
+        return self.last - self.first
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What an input looks like.
+
+    Attributes
+    ----------
+    kind : one of ``KINDS``. first, last : samples, the end excluded. amplitude : largest level, in the input's unit.
+    flatness : one less the root mean square about the levels over their size. edge : least level change over the rest level of changes.
+    sharpness : least share of a level change that is complete within the shortest of ``RISES``.
+    """
+
+    kind: str
+    first: int
+    last: int
+    amplitude: float
+    flatness: float = 1.0
+    edge: float = 0.0
+    sharpness: float = 1.0
+
+
+def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list[Lobe]:
+    """Runs in which a signal stays beyond ``switch`` on one side, in their order; ``join`` makes adjacent ones of one sign one."""
+    sign = np.where(deviation > switch, 1, np.where(deviation < -switch, -1, 0)).astype(np.int8)
+    edges = np.flatnonzero(np.diff(sign, prepend=0, append=0))
+    out: list[Lobe] = []
+    for first, last in itertools.pairwise(edges.tolist()):
+        if sign[first] == 0:
+            continue
+        if join and out and np.sign(out[-1].level) == sign[first]:
+            first = out.pop().first
+        out.append(Lobe(first, last, float(np.mean(deviation[first:last]))))
+    return out
+
+
+def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[Shape]:
+    """Steps, pulses, doublets and other sequences of levels in a control, none overlapping another; the largest come first.
+
+    ``values``, ``trim`` : ``(N,)``, the control and its local trim.
+    """
+    from scipy.signal import find_peaks  # takes long to import, and most commands search nothing
+
+    found: dict[tuple[int, ...], tuple[float, Shape]] = {}
+    fast = _changes(stretch, values, RISES[0])
+    for rise in RISES:
+        moved = _changes(stretch, values, rise)
+        rest = rest_level(stretch, moved)
+        at, _ = find_peaks(np.abs(moved), height=EDGE_STRENGTH * rest, distance=max(2, stretch.samples(0.5 * rise)))
+        control = _Control(stretch, values, trim, moved, fast, rest, max(1, stretch.samples(0.5 * rise)))
+        for some in (at, *(_major(at, moved, stretch.samples(NEAR), share) for share in MINOR)):
+            for times in _sequences(stretch, some, moved):
+                if times not in found and (one := _pattern(control, np.array(times))) is not None:
+                    found[times] = one
+    every = [*found.values(), *_paused(values - trim, list(found.values()))]
+    out: list[Shape] = []
+    for _, shape in sorted(every, key=lambda each: (-each[0], each[1].first)):
+        if not any(shape.first < other.last and other.first < shape.last for other in out):
+            out.append(shape)
+    return [*out, *_lasting(control, at, out)]
+
+
+def _paused(deviation: np.ndarray, found: Sequence[tuple[float, Shape]]) -> Iterator[tuple[float, Shape]]:
+    """Doublets with a pause between their halves: pulses of opposite sign and like duration, apart by no more than the shorter of them."""
+    pulses = sorted(((merit, one) for merit, one in found if one.kind == "pulse"), key=lambda each: each[1].first)
+    for i, (merit, one) in enumerate(pulses):
+        for other_merit, other in pulses[i + 1 :]:
+            sizes = (one.last - one.first, other.last - other.first)
+            if other.first - one.last > min(sizes):
+                break
+            signs = np.mean(deviation[one.first : one.last]) * np.mean(deviation[other.first : other.last])
+            amplitudes = (one.amplitude, other.amplitude)
+            if other.first <= one.last or signs >= 0.0 or max(sizes) > UNLIKE * min(sizes) or min(amplitudes) < LEVELS * max(amplitudes):
+                continue
+            worst = [min(getattr(one, name), getattr(other, name)) for name in ("flatness", "edge", "sharpness")]
+            if worst[0] >= PAUSED[0] and worst[1] >= PAUSED[1]:
+                yield (merit + other_merit) * 2.0**COMPLETE, Shape("doublet", one.first, other.last, max(amplitudes), *worst)
+
+
+def _lasting(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iterator[Shape]:
+    """Single level changes to a level that is kept, away from other shapes: steps that are not taken back within ``LONGEST``.
+
+    Such a step ends ``LASTING`` after it began, or at the next level change.
+    """
+    values, half = control.values, control.half
+    before, after, away = (control.stretch.samples(s) for s in (STEADY_BEFORE, STEADY_AFTER, NEAR))
+    for k, following in zip(at.tolist(), [*at.tolist(), values.size][1:], strict=True):
+        parts = values[max(0, k - half - before) : max(1, k - half + 1)], values[k + half : k + half + after]
+        if min(part.size for part in parts) < 0.5 * before or following - k < after or any(o.first < k + away and k < o.last + away for o in others):
+            continue
+        jump = float(parts[1].mean() - parts[0].mean())
+        scatter = max(float(part.std()) for part in parts)
+        if scatter > STEADY * abs(jump):
+            continue
+        sharpness = float(np.max(np.abs(control.fast[max(0, k - half) : k + half + 1]))) / abs(jump)
+        edge = float(abs(control.moved[k]) / control.rest[k])
+        yield Shape("step", k, min(following, k + control.stretch.samples(LASTING)), abs(jump), 1.0 - scatter / abs(jump), edge, sharpness)
+
+
+@dataclass(frozen=True, eq=False)
+class _Control:
+    """A control with its trim, its changes within a rise (``moved``) and within the shortest (``fast``), their rest level, half the rise."""
+
+    stretch: Stretch
+    values: np.ndarray
+    trim: np.ndarray
+    moved: np.ndarray
+    fast: np.ndarray
+    rest: np.ndarray
+    half: int
+
+
+def _sequences(stretch: Stretch, at: np.ndarray, moved: np.ndarray) -> Iterator[tuple[int, ...]]:
+    """Two to five successive level changes of alternate sign whose sums alternate too and return about to where they began."""
+    times, jumps, longest = at.tolist(), moved[at].tolist(), stretch.samples(LONGEST)
+    for i in range(len(times) - 1):
+        level = jumps[i]
+        sign = 1.0 if level > 0.0 else -1.0
+        levels = [level * sign]
+        for k in range(i + 1, min(i + 5, len(times))):
+            if times[k] - times[k - 1] > longest or jumps[k] * jumps[k - 1] > 0.0:
+                break
+            level += jumps[k]
+            largest = max(levels)
+            if abs(level) <= OPEN * largest or (k == i + 1 and abs(level) <= OPEN * abs(jumps[k])):
+                yield tuple(times[i : k + 1])
+            sign = -sign
+            if level * sign < 0.5 * LEVELS * largest:
+                break
+            levels.append(level * sign)
+
+
+def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
+    """The pattern that some level changes make, with its merit; None where they make none."""
+    kind = _kind(np.diff(at) * control.stretch.step)
+    found = _levels(control, at) if kind else None
+    if kind is None or found is None:
+        return None
+    flatness, levels, energy = found
+    edge = float(np.min(np.abs(control.moved[at]) / control.rest[at]))
+    jumps = np.abs(np.diff([0.0, *levels, 0.0]))
+    fast = [float(np.max(np.abs(control.fast[max(0, k - control.half) : k + control.half + 1]))) for k in at]
+    sharpness = float(np.min(np.array(fast) / jumps))
+    return flatness * energy * levels.size**COMPLETE, Shape(kind, int(at[0]), int(at[-1]), float(np.max(np.abs(levels))), flatness, edge, sharpness)
+
+
+def _changes(stretch: Stretch, values: np.ndarray, rise: float) -> np.ndarray:
+    """The mean over half of ``rise`` after each sample less the mean before it: largest in the middle of a level change."""
+    half = max(1, stretch.samples(0.5 * rise))
+    total = np.cumsum(np.pad(values - values[0], (half + 1, half), mode="edge"))
+    after, before = total[2 * half :] - total[half:-half], total[half:-half] - total[: -2 * half]
+    return (after - before)[: values.size] / half
+
+
+def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.ndarray:
+    """The level changes that are no minor ones beside another."""
+    sizes = np.abs(moved[at])
+    first, last = np.searchsorted(at, at - near), np.searchsorted(at, at + near, side="right")
+    largest = np.array([sizes[a:b].max() for a, b in zip(first, last, strict=True)])
+    return at[sizes >= share * largest] if at.size else at
+
+
+def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float] | None:
+    """Flatness, levels and energy of a control between level changes; None where the levels are of no pattern."""
+    values, half, settle = control.values, control.half, control.stretch.samples(SETTLE)
+    before = float(values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)].mean())
+    later = values[at[-1] + half : at[-1] + half + settle]
+    after = float(later.mean()) if later.size else before
+    base = before if at.size == 2 else 0.5 * (before + after)
+    levels, scatter, weight = [], 0.0, 0
+    for first, last in zip(at[:-1].tolist(), at[1:].tolist(), strict=True):
+        inside = min(half, (last - first) // 4)
+        part = values[first + inside : last - inside + 1] - base
+        levels.append(float(part.mean()))
+        line = _slope(part) * (np.arange(part.size) - 0.5 * (part.size - 1)) if at.size == 2 else 0.0
+        scatter += float(np.sum((part - levels[-1] - line) ** 2))
+        weight += part.size
+    found = np.array(levels)
+    largest = float(np.max(np.abs(found)))
+    if np.any(found[1:] * found[:-1] >= 0.0) or np.min(np.abs(found)) < LEVELS * largest:
+        return None
+    jumps = control.moved[at]
+    cancel = abs(float(jumps.sum())) <= CANCEL * float(np.max(np.abs(jumps)))
+    if abs(after - before) > RETURN * largest and not cancel:
+        return None
+    offset = base - float(np.median(control.trim[at[0] : at[-1]]))
+    if abs(offset) > (RETURN if at.size == 2 else 1.0) * largest:
+        return None
+    flatness = 1.0 - float(np.sqrt(scatter / weight)) / largest
+    return flatness, found, float(np.sum((found + offset) ** 2 * np.diff(at)))
+
+
+def _slope(values: np.ndarray) -> float:
+    """Slope of the straight line through values at unit distance."""
+    at = np.arange(values.size) - 0.5 * (values.size - 1)
+    return float(at @ values / max(float(at @ at), 1.0))
+
+
+def _kind(durations: np.ndarray) -> str | None:
+    if durations.size == 1:
+        return "step" if durations[0] >= LONG_PULSE else "pulse"
+    if durations.size == 2:
+        return "doublet" if durations.max() <= UNLIKE * durations.min() else None
+    if durations.size == 3:
+        return "multistep"
+    shares = durations / durations.sum()
+    for kind, wanted in SHARES.items():
+        if min(np.abs(shares - wanted).max(), np.abs(shares[::-1] - wanted).max()) <= SHARE_ERROR:
+            return kind
+    return "multistep"
+
+
+def oscillation_of(deviation: np.ndarray) -> Shape | None:
+    """A sweep where the half waves of a control about its trim become steadily shorter or longer, a multisine where there are many, else None."""
+    size = np.abs(deviation)
+    peak = float(size.max())
+    if peak <= 0.0:
+        return None
+    amplitude = float(np.percentile(size[size > 0.5 * peak], AMPLITUDE))
+    lobes = [lobe for lobe in lobes_of(deviation, SWITCH * amplitude) if lobe.size > 1]
+    if len(lobes) < OSCILLATION:
+        return None
+    levels = np.abs([lobe.level for lobe in lobes])
+    strong = np.flatnonzero(levels >= 0.5 * np.median(levels))
+    some = lobes[strong[0] : strong[-1] + 1]
+    trend, ratio = _trend(some)
+    if trend >= TREND and max(ratio, 1.0 / ratio) >= SPREAD:
+        return Shape("sweep", some[0].first, some[-1].last, amplitude, trend)
+    return Shape("multisine", some[0].first, some[-1].last, amplitude, trend) if len(some) >= OSCILLATION - 1 else None
+
+
+def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
+    """How steadily half waves become shorter or longer (rank correlation), and how much longer the first are than the last."""
+    periods = np.diff([0.5 * (lobe.first + lobe.last) for lobe in lobes])
+    if periods.size < OSCILLATION - 2:
+        return 0.0, 1.0
+    ranks = np.argsort(np.argsort(periods, kind="stable"), kind="stable")
+    third = max(1, periods.size // 3)
+    trend = abs(float(np.corrcoef(np.arange(periods.size), ranks)[0, 1]))
+    return trend, float(np.mean(periods[:third]) / np.mean(periods[-third:]))
+
+
+def same_lines(first: np.ndarray, second: np.ndarray) -> bool:
+    """Whether two oscillations have their energy at the same frequencies, as a control has that follows another.
+
+    Multisines that are flown together have lines of their own each. The likeness is Bhattacharyya's coefficient of the two spectra.
+    """
+    powers = [np.abs(np.fft.rfft(each - each.mean())) ** 2 for each in (first, second)]
+    shares = [power / max(float(power.sum()), 1e-300) for power in powers]
+    return float(np.sum(np.sqrt(shares[0] * shares[1]))) > LINES

@@ -12,17 +12,30 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from ident.process_noise.best_start import absurd_sigmas, degenerate, fit_from_best_start, without_measurement_noise
-from ident.process_noise.filter_error_fit import COARSE, fit_with_process_noise, noise_start
-from ident.process_noise.innovations_model import SCALE, ProcessNoise, filters_of, has_process_noise, process_noise
-from ident.process_noise.restricted_likelihood import restricted_levels
-from ident.statistics.coloured_covariance import student_factor
+from ident.process_noise.best_start import (
+    COARSE,
+    absurd_sigmas,
+    degenerate,
+    fit_from_best_start,
+    fit_with_process_noise,
+    noise_start,
+    without_measurement_noise,
+)
+from ident.process_noise.innovations_model import SCALE, ProcessNoise, filters_of, has_process_noise, process_noise, restricted_levels
+from ident.statistics.residual_spectrum import student_factor
 from ident.statistics.residuals import ljung_box
-from ident.whole_record.best_start import in_pieces, put_together, quiet, said_of_pieces, started_at, started_unstable
-from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
-from ident.whole_record.layout import FitSettings, lay_out
-from ident.whole_record.output_error import failed_estimate, fit_covariance
+from ident.whole_record.layout import FitProblem, FitSettings, lay_out
+from ident.whole_record.output_error import (
+    failed_estimate,
+    fit_covariance,
+    in_pieces,
+    put_together,
+    quiet,
+    said_of_pieces,
+    started_at,
+    started_unstable,
+)
 from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.record import Record
@@ -122,7 +135,7 @@ def filter_error_estimate(fit: Fit) -> Estimate:
     """The shared parameters of a fit with process noise, and the scale of declared process noise, as an Estimate.
 
     Noise levels, turbulence's parameters among them, are those of the adjusted likelihood, and sigmas count that these are estimates
-    (Student's quantile): see `ident.process_noise.restricted_likelihood`.
+    (Student's quantile): see `ident.process_noise.innovations_model`.
     """
     layout, system, noise_model = fit.layout, fit.layout.system, fit.noise_model
     assert isinstance(noise_model, ProcessNoise)

@@ -1,8 +1,18 @@
-"""Noise model of a fit with process noise: filter error (Maine and Iliff 1981; Jategaonkar, ch. 5).
+"""Noise model of a fit with process noise (Maine and Iliff 1981; Jategaonkar, ch. 5), its slopes, and REML.
+
+Central differences of the linearised motion. Where that bends little from step to step, as it does wherever no limit or dead band acts, the
+slopes of the discrete motion are worked out at every eighth step and drawn straight between.
 
 The likelihood is that of the innovations of a Kalman filter linearised about the fitted trajectory. Its gradient and
 expected information include how the filter depends on the parameters, noise levels among them, so that all unknowns
 are estimated together by Fisher scoring.
+
+Maximum likelihood takes for process noise what initial states, biases and derivatives could as well have explained, and finds noise
+too small: the fewer correlation lengths a record holds, the more. The adjusted profile likelihood adds -0.5 ln det I, I the
+information on those unknowns (Cox and Reid, J. Royal Statistical Society B 49(1), 1987); one step towards its maximum.
+
+Sigmas of everything else are computed with these noise levels, which are estimates themselves: `Levels.spread` is what that makes of
+the variances (Giesbrecht and Burns, Biometrics 41(2), 1985; Kenward and Roger, Biometrics 53(3), 1997).
 """
 
 from __future__ import annotations
@@ -12,15 +22,215 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.process_noise.discretised import Variation, discretised_noise
-from ident.process_noise.likelihood_slopes import LikelihoodSlopes, likelihood_slopes
-from ident.process_noise.noise_slopes import noise_slopes, slope_pairs
-from ident.process_noise.whitener import Filtered, Whitener, filtered, whitener
+from ident.process_noise.whitener import (
+    DiscretisedNoise,
+    Filtered,
+    Variation,
+    Whitener,
+    closed_loop,
+    combine_affine,
+    discrete_motion,
+    discretised_noise,
+    every_node,
+    filtered,
+    joined,
+    linear_motion,
+    rows,
+    scan,
+    turned,
+    whitener,
+)
+from ident.process_noise.whitener import from_left as _left
+from ident.process_noise.whitener import from_right as _right
+from ident.process_noise.whitener import transposed as _each_turned
+from ident.statistics.information import inverse_information
 from ident.whole_record.gauss_newton import Fit
+from ident.whole_record.layout import LaidOut, WeightedResiduals
 from ident.whole_record.linearise import Linearisation
-from ident.whole_record.noise_model import LaidOut, WeightedResiduals
 from ident.whole_record.record_problem import INCREMENT, RecordProblem
 from sim.declaration.model import System
+
+# ---- How process noise along a trajectory changes with the parameters
+
+_SLOPE = 1e-5  # of a parameter's size, for central differences
+_APART = 8  # steps from one place to the next where slopes are worked out, if straight lines between them are good enough
+_STRAIGHT = 0.005  # of the largest entry: over a step an error of F is a hundredth or tenth of that of Phi
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseSlopes:
+    """Derivatives of a DiscretisedNoise by the quantities ``of`` (positions among those asked for) that change it."""
+
+    of: tuple[int, ...]
+    motion: DiscretisedNoise
+
+
+def noise_slopes(problem: RecordProblem, states: np.ndarray, at: Variation, moved: Sequence[tuple[Variation, Variation, float]]) -> NoiseSlopes:
+    """Derivatives of the process noise at the given trajectory; that the trajectory moves too is left out.
+
+    ``moved`` holds for each quantity two variations and the distance between them: see ``slope_pairs``.
+    """
+    F, H, density, stationary = linear_motion(problem, states, [at, *(end for low, high, _ in moved for end in (low, high))])
+    parts = (F, H, density[None])
+    of = tuple(i for i in range(len(moved)) if any(np.any(part[:, 1 + 2 * i] != part[:, 2 + 2 * i]) for part in parts))
+    chosen = [0, *(end for i in of for end in (1 + 2 * i, 2 + 2 * i))]  # the others would only be worked out to be the same
+    width = np.array([moved[i][2] for i in of])[:, None, None]
+
+    def slope(part: np.ndarray) -> np.ndarray:
+        return np.asarray((part[:, 2::2] - part[:, 1::2]) / width)
+
+    F, steps = F[:, chosen], np.diff(problem.grid.nodes)
+    at_these = _where_it_bends(np.concatenate([F[:, :1], slope(F)], axis=1), steps)
+    by_Phi, by_Q, start = discrete_motion(F[at_these], steps[at_these] if len(F) > 1 else steps, density[chosen], stationary, slope)
+    by_Phi, by_Q = (_between(slopes, at_these, len(steps)) for slopes in (by_Phi, by_Q))
+    return NoiseSlopes(of, DiscretisedNoise(by_Phi, by_Q, slope(H[:, chosen]), slope(start[None])[0]))
+
+
+def slope_pairs(at: Variation, positions: Sequence[int], sizes: Sequence[float], scale: bool) -> list[tuple[Variation, Variation, float]]:
+    """Pairs for central differences by the parameters at ``positions``, whose sizes are given, then by the scale if wanted."""
+    pairs = []
+    for position, size in zip(positions, sizes, strict=True):
+        step, ends = _SLOPE * size, []
+        for sign in (-1.0, 1.0):
+            p = at.p.copy()
+            p[position] += sign * step
+            ends.append(Variation(p, at.scale))
+        pairs.append((ends[0], ends[1], ends[1].p[position] - ends[0].p[position]))
+    if scale:
+        step = _SLOPE * max(at.scale, 1.0)
+        pairs.append((Variation(at.p, at.scale - step), Variation(at.p, at.scale + step), 2.0 * step))
+    return pairs
+
+
+def _where_it_bends(shape: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Steps at which slopes are worked out, straight lines being good enough between them: all, unless every ``shape (K, D, n, n)`` is smooth."""
+    every = np.arange(len(shape))
+    if len(shape) < 2 * _APART or np.ptp(steps) > 1e-9 * steps.max():
+        return every
+    some = np.append(every[:-1:_APART], every[-1])
+    away = np.abs(_between(shape[some], some, len(shape)) - shape).max(axis=0)
+    largest = np.abs(shape).max(axis=0).max(axis=(-2, -1), keepdims=True)
+    return some if np.all(away <= _STRAIGHT * largest) else every
+
+
+def _between(values: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
+    """``values (len(at), ...)`` at ``count`` steps, by straight lines; the same where they are alike everywhere or known at each."""
+    if len(values) in (1, count):
+        return values
+    left = np.clip(np.searchsorted(at, np.arange(count), side="right") - 1, 0, len(at) - 2)
+    share = ((np.arange(count) - at[left]) / (at[left + 1] - at[left])).reshape(-1, *(1,) * (values.ndim - 1))
+    return np.asarray(values[left] + share * (values[left + 1] - values[left]))
+
+
+# ---- How the likelihood of a filter moves with the quantities that its gains depend on
+
+_AT_ONCE = 800_000  # numbers of a covariance's slopes that are worked out together: more do not stay in a processor's cache
+
+
+@dataclass(frozen=True, eq=False)
+class LikelihoodSlopes:
+    """What the dependence of the filter on D quantities adds to a fit.
+
+    ``gradient (D,)`` and expected ``information (D, D)`` of the log likelihood through gains and innovation covariances;
+    ``scores (K + 1, D)`` are what each node adds to the gradient.
+    """
+
+    gradient: np.ndarray
+    information: np.ndarray
+    scores: np.ndarray
+
+
+def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray) -> LikelihoodSlopes:
+    """Slopes by the quantities that move the process noise, then by those that move the measurement variances.
+
+    ``residual`` is one column; ``by_variance (d, m)`` are derivatives of the measurement variances.
+    """
+    T, n, D = len(filter.covariance), filter.covariance.shape[-1], len(slopes.of) + len(by_variance)
+    by_variance = np.concatenate([np.zeros((len(slopes.of), len(filter.variance))), by_variance])
+    few = max(1, _AT_ONCE // max(1, T * n * n))
+    parts = [_slopes_of_some(filter, residual, slopes, by_variance, slice(k, k + few)) for k in range(0, D, few)]
+    flat = np.concatenate([dS for dS, _ in parts]) if parts else np.zeros((0, residual.standard[:T].size * filter.valid.shape[1]))
+    e, m = residual.standard, filter.valid.shape[1]
+    counts = np.bincount(filter.at, minlength=T).astype(float)[:, None, None]
+    information = 0.5 * (flat * np.broadcast_to(counts, (T, m, m)).reshape(-1)) @ flat.T
+    beyond = e[:, :, None] * e[:, None, :] - np.where(filter.valid[:, :, None], np.eye(m), 0.0)
+    by_node = flat.reshape(len(flat), T, m * m)
+    scores = np.empty((len(e), D))
+    scores[:T] = 0.5 * np.einsum("dtm,tm->td", by_node, beyond[:T].reshape(T, m * m))
+    scores[T:] = 0.5 * beyond[T:].reshape(len(e) - T, m * m) @ by_node[:, -1].T
+    if n == 0:
+        return LikelihoodSlopes(scores.sum(axis=0), information, scores)
+    columns = np.concatenate([moved for _, moved in parts], axis=1)
+    scores += np.einsum("kmd,km->kd", columns.reshape(len(e), m, D), e)
+    return LikelihoodSlopes(scores.sum(axis=0), information + columns.T @ columns, scores)
+
+
+def _slopes_of_some(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
+    """By ``some`` of the D quantities: of innovation covariances, normalised ``(d, T m m)``, and of normalised innovations ``((K + 1) m, d)``."""
+    T, m, n = len(filter.covariance), filter.valid.shape[1], filter.covariance.shape[-1]
+    of_variance = by_variance[some]
+    d = len(of_variance)
+    e, x, K, P, Phi = residual.standard, residual.state[..., None], filter.gain, filter.covariance, filter.motion.Phi
+    present = np.where(filter.valid[:1] if len(filter.seen) == 1 else filter.valid, 1.0, 0.0)
+    by_Phi, by_Q, by_start = (_beside(M, some, d) for M in (slopes.motion.Phi, slopes.motion.Q, slopes.motion.start[None]))
+    by_H = _beside(slopes.motion.H, some, d) * present[:, :, None, None]
+    by_R = np.zeros((len(present), m, d, m))
+    for i in range(m):
+        by_R[:, i, :, i] = of_variance[:, i] * present[:, i, None]
+    H, dH = rows(filter.seen, slice(T)), rows(by_H, slice(T))
+    dR = rows(by_R, slice(T))
+    open_loop = np.eye(n) - K @ H
+    # Covariance after an update: dP = (I - KH) dP_before (I - KH)^T + K dR K^T - P dH^T K^T - K dH P.
+    dK_straight = _left(K, _right(dH, P))
+    own = _right(_left(K, dR), turned(K)) - dK_straight - _each_turned(dK_straight)
+    first = (_right(_left(open_loop[:1], by_start), turned(open_loop[:1])) + own[:1])[0]
+    dP = np.empty((T, n, d, n))
+    dP_before = np.empty((T, n, d, n))
+    dP[0], dP_before[0] = first, by_start[0]
+    if T > 1:
+        F, dF, dQ = (rows(M, slice(T - 1)) for M in (Phi, by_Phi, by_Q))
+        pushed = _right(dF, P[:-1] @ turned(F))
+        forcing = pushed + _each_turned(pushed) + dQ
+        inside = open_loop[1:]
+        through, added = scan(combine_affine, (inside @ F, _right(_left(inside, forcing), turned(inside)) + own[1:]))
+        dP[1:] = _right(_left(through, np.broadcast_to(first, (T - 1, n, d, n))), turned(through)) + added
+        dP_before[1:] = _right(_left(F, dP[:-1]), turned(F)) + forcing
+    crossed = _right(dH, filter.predicted @ turned(H))
+    dS = crossed + _each_turned(crossed) + _right(_left(H, dP_before), turned(H)) + dR
+    flat = _right(_left(filter.root, dS), turned(filter.root)).transpose(2, 0, 1, 3).reshape(d, -1)
+    if n == 0:
+        return flat, np.zeros((e.size, d))
+    # K = P H^T R^-1, and the state through the gain that moves.
+    dK = (_right(dP, turned(H)) + _right_turned(P, dH) - _left(K, dR)) / filter.variance
+    predicted = np.zeros((len(e), n, 1))
+    predicted[1:] = Phi @ x[:-1]
+    pushed_state = np.zeros((len(e), n, d))
+    pushed_state[1:] = _right(by_Phi, x[:-1])[..., 0]
+    straight = _right(by_H, predicted)[..., 0]
+    source = (
+        _right(every_node(dK, filter), residual.innovation[..., None])[..., 0]
+        + every_node(open_loop, filter) @ pushed_state
+        - every_node(K, filter) @ straight
+    )
+    moved = pushed_state
+    moved[1:] += Phi @ joined(closed_loop(filter), source)[:-1]
+    return flat, (every_node(filter.root, filter) @ (straight + filter.seen @ moved)).reshape(-1, d)
+
+
+def _beside(stack: np.ndarray, some: slice, d: int) -> np.ndarray:
+    """Derivatives ``(B, D, a, b)`` by ``some``, those beyond zero, as ``(B, a, d, b)``: see `ident.process_noise.whitener`."""
+    found = stack[:, some].swapaxes(1, 2)
+    out = np.zeros((*found.shape[:2], d, found.shape[3]))
+    out[:, :, : found.shape[2]] = found
+    return out
+
+
+def _right_turned(left: np.ndarray, stack: np.ndarray) -> np.ndarray:
+    """``left`` times the transpose of each matrix of ``stack (B, m, D, n)``: ``(T, n, D, m)``."""
+    return _each_turned(_right(stack, turned(left)))
+
+
+# ---- Noise model of a fit with process noise
 
 SCALE = "process_noise_scale"
 _FACTOR = 4.0  # by which one step changes a noise level at most
@@ -221,3 +431,70 @@ def _at_nodes(problem: RecordProblem, values: np.ndarray) -> np.ndarray:
 
 def _at_samples(problem: RecordProblem, values: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(values[problem.grid.sample // problem.grid.substeps].transpose(1, 0, 2))
+
+
+# ---- Restricted likelihood (REML)
+
+_STEP = 0.02  # of a level, for differences
+_restricted_likelihood_MOST = 0.7  # change of a level's logarithm
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """All unknowns ``theta (n,)`` with the noise's own adjusted, and the ``factor (n,)`` by which they changed.
+
+    ``spread (n,)`` : variance of the logarithm of each unknown's variance, through the noise levels that set it; zero for these.
+    """
+
+    theta: np.ndarray
+    factor: np.ndarray
+    spread: np.ndarray
+
+
+def restricted_levels(fit: Fit, covariance: np.ndarray) -> Levels:
+    """Noise levels adjusted. ``covariance (n, n)`` is the fit's; a level at its bound stays. Sigmas of noise levels go with the levels."""
+    noise_model, theta, low, high = fit.noise_model, fit.theta, fit.problem.low, fit.problem.high
+    assert isinstance(noise_model, ProcessNoise)
+    setting = noise_model.setting_noise(fit.layout, theta)
+    inside = (theta[setting] > low[setting]) & (theta[setting] < high[setting])
+    moved, others = setting[inside], np.setdiff1d(np.arange(len(theta)), setting)
+    base, variance = _determined(fit, theta, others)
+    slope, moves = np.zeros(len(moved)), np.zeros((len(moved), len(others)))
+    for i, position in enumerate(moved):
+        stretched = theta.copy()
+        stretched[position] *= 1.0 + _STEP
+        determinant, other = _determined(fit, stretched, others)
+        slope[i] = 0.5 * (determinant - base) / (_STEP * theta[position])
+        moves[i] = np.log(other / variance) / (_STEP * theta[position])
+    among = covariance[np.ix_(moved, moved)]
+    change = np.clip(-among @ slope / theta[moved], -_restricted_likelihood_MOST, _restricted_likelihood_MOST)
+    factor, spread = np.ones(len(theta)), np.zeros(len(theta))
+    if np.all(np.isfinite(change)):
+        factor[moved] = np.exp(change)
+    if np.all(np.isfinite(moves)):
+        spread[others] = np.maximum(np.einsum("ij,ik,kj->j", moves, among, moves), 0.0)
+    adjusted = np.clip(theta * factor, low, high)
+    factor[moved] = adjusted[moved] / theta[moved]
+    return Levels(adjusted, factor, spread)
+
+
+def _determined(fit: Fit, theta: np.ndarray, positions: np.ndarray) -> tuple[float, np.ndarray]:
+    """Log determinant of the information on the unknowns at ``positions`` with the noise of ``theta``, and the diagonal of its inverse.
+
+    About the fit's trajectories; not a number where the noise has no likelihood.
+    """
+    layout, n = fit.layout, len(theta)
+    residuals = [np.where(problem.valid, problem.z - line.y, 0.0) for problem, line in zip(layout.problems, fit.lines, strict=True)]
+    weighted = fit.noise_model.weight_residuals(layout, theta, fit.lines, residuals, fit.counts)
+    if weighted is None:
+        return float("nan"), np.full(len(positions), np.nan)
+    information = np.zeros((n, n))
+    for r, jacobian in enumerate(weighted.jacobians):
+        at = layout.columns(r)
+        J = jacobian.reshape(-1, len(at))
+        information[np.ix_(at, at)] += J.T @ J
+    part = information[np.ix_(positions, positions)]
+    seen = np.flatnonzero(np.diag(part) > 0)
+    size = np.sqrt(np.diag(part)[seen])
+    determinant = float(np.linalg.slogdet(part[np.ix_(seen, seen)] / np.outer(size, size))[1] + 2.0 * np.log(size).sum())
+    return determinant, np.diag(inverse_information(part)[0])

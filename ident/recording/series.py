@@ -1,15 +1,115 @@
-"""One channel as it was sampled: its valid samples, its least bit, and the noise on top of its motion."""
+"""One channel as it was sampled: valid samples, least bit, noise; and the findings of the record check."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 
-from ident.statistics.robust import robust_sigma_about_zero
+from ident.statistics.noise_levels import ROBUST, robust_sigma_about_zero
 from sim.record import Channel, Record
+
+# ---- What the raw columns of a record show: one finding, and how certain it is
+
+NO_ROWS = np.zeros(0, dtype=bool)
+
+
+class Kind(Enum):
+    """What may be wrong with a recording."""
+
+    HELD = "held"
+    INTERPOLATED = "interpolated"
+    FILTERED = "filtered"
+    STUCK = "stuck"
+    CLIPPED = "clipped"
+    DROPOUT = "dropout"
+    WILD_POINTS = "wild points"
+    ROWS_MISSING = "rows missing"
+    RESOLUTION = "resolution"
+    ZERO_STEP = "zero step"
+    NOISE_LEVEL = "noise level"
+    HUM = "hum"
+    UNIT = "unit"
+    SIGN = "sign"
+    EXCHANGED = "exchanged"
+    TIME_BASE = "time base"
+
+
+class Certainty(Enum):
+    """What follows: a record is refused, the reader is warned, samples are set aside, or it is only said."""
+
+    CERTAIN = "certain"
+    LIKELY = "likely"
+    COSTS_INFORMATION = "costs information"
+    NOTED = "noted"
+
+
+@dataclass(frozen=True)
+class Number:
+    """A figure of a finding with its unit, SI and radians, nz in g."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class RecordFinding:
+    """One thing that the raw columns show.
+
+    Attributes
+    ----------
+    channel : the channel's name, several joined by " and ", or ``"time"``.
+    sentence : what is seen, as it goes on from the channel's name. remedy : what its user can do; empty where there is nothing to do.
+    times : from and to, s, of every place; empty where it is the whole record.
+    mask : shape ``(N,)`` of the record's rows, True at samples of ``channel`` that carry no information; of length zero where none are named.
+    """
+
+    channel: str
+    kind: Kind
+    certainty: Certainty
+    sentence: str
+    remedy: str = ""
+    times: tuple[tuple[float, float], ...] = ()
+    numbers: Mapping[str, Number] = field(default_factory=dict)
+    mask: np.ndarray = field(default_factory=lambda: NO_ROWS)
+
+    @property
+    def count(self) -> int:
+        """How many samples the mask names."""
+        return int(np.count_nonzero(self.mask))
+
+
+@dataclass(frozen=True)
+class Expectations:
+    """What a record is compared with beside itself; all of it plain numbers, None where it is not known.
+
+    Attributes
+    ----------
+    airspeed : m/s. gravity : m/s2.
+    control_power : rad/s2 per unit of the control, the pitch acceleration that the first input makes, with its sign.
+    angular_control : the first input is an angle, so that ``control_power`` tells radians from degrees.
+    scale_height : m, of the air's density, of a body that falls through it; its height then obeys gravity and drag.
+    aircraft : channels named alpha, q, nz and so on are those of an aircraft, whose motion ties them together.
+    """
+
+    airspeed: float | None = None
+    gravity: float = 9.80665
+    control_power: float | None = None
+    angular_control: bool = False
+    aircraft: bool = True
+    scale_height: float | None = None
+
+
+def shown(value: float, unit: str) -> str:
+    """A value in the unit in which people read it: angles in degrees."""
+    factor, label = (180.0 / math.pi, unit.replace("rad", "deg", 1)) if unit.startswith("rad") else (1.0, unit)
+    return f"{factor * value:.3g}{'' if label in ('', '1') else f' {label}'}"
+
+
+# ---- One channel as it was sampled
 
 FEWEST = 20  # samples that a word on a channel needs
 ON_THE_GRID = 0.02  # of the least bit, within which a value lies on its grid: what rounding of a conversion leaves is far less
@@ -189,3 +289,168 @@ def runs_of(same: np.ndarray) -> np.ndarray:
     """Begin and end (exclusive) of every run of True, shape ``(runs, 2)``."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
     return edges.reshape(-1, 2)
+
+
+# ---- The least bit against the noise
+
+COARSE = 1.0  # least bits over noise: below it rounding adds a twelfth of the noise's variance at most
+DISTINCT = 4  # levels, fewer of which make no measurement
+PARTS = (8, 4)
+BITS = 2.0  # least bits of noise, below which a median of its size is one of few levels
+NOISE_LEVEL_FEWEST = 30  # samples of a part
+FACTOR = 2.0  # chosen: weights that are wrong by four in the variance are worth a word
+# Scatter of the logarithm of a robust sigma of n fourth differences, times sqrt(n): 1.17 for independent ones, 1.58 by simulation for these.
+SCATTER = 1.6
+SURE = 4.5  # of its standard deviations, between the quietest and the loudest of eight parts: by chance once in 5000 channels
+LOUD = 4.0  # chosen: a sample four times as uncertain as others carries a sixteenth of their information and weighs as much in a fit
+WINDOW = 25  # samples to both sides, over which a local level is taken
+MOST = 0.5  # of a channel may be set aside: beyond it the loud part is the record
+MOTION = 1.4  # ratio of the noise by second and fourth differences, beyond which a part shows motion
+
+
+def coarse(series: Series) -> RecordFinding | None:
+    """A note where the least bit is coarse against the noise, so that residuals are rounding and not Gaussian."""
+    bit = series.least_bit
+    if not bit or series.span < DISTINCT * bit or bit < COARSE * series.noise:
+        return None
+    told = f"has a least bit of {shown(bit, series.unit)}, coarse against its noise: smaller things are not in the record, and rounding is not white"
+    numbers = {"least_bit": Number(bit, series.unit)} | ({"noise": Number(series.noise, series.unit)} if series.noise else {})
+    return RecordFinding(series.name, Kind.RESOLUTION, Certainty.NOTED, told, "", (), numbers)
+
+
+@dataclass(frozen=True)
+class _NoisePart:
+    """A part of a channel: the standard deviation of its noise, were all roughness noise, and what else may have made that.
+
+    Attributes
+    ----------
+    slow : the motion between two samples is less than the roughness, in the mean square and robustly, so that it cannot have made it.
+    motion : root mean square of the change from sample to sample, beyond that of white noise as rough.
+    rough : by input its own noise level or roughness. samples : how many the level is taken from. times : begin and end, s.
+    white : whether second and fourth differences show the same level, as those of noise do.
+    """
+
+    level: float
+    white: bool
+    slow: bool
+    motion: float
+    rough: tuple[float, ...]
+    samples: int
+    times: tuple[float, float]
+
+
+def changing_noise(series: Series, count: int, inputs: Sequence[Series] = (), others: Sequence[Series] = ()) -> RecordFinding | None:
+    """Noise of one part of a record ``count`` rows long that is several times that of another: from ``LOUD`` times on its samples are named.
+
+    Roughness that the motion or an input can have made is no noise of the sensor: a loud part counts where the motion is slow against the
+    sampling, or against a quiet part that moved as much; and only by as much as no ``inputs`` were rougher there. Where ``others``, the
+    remaining outputs, became rougher in the same part, it is the air or the structure.
+    """
+    if not series.white or series.noise < BITS * series.least_bit:
+        return None
+    for parts in PARTS:
+        found = _between_parts(series, min(parts, len(series.values) // NOISE_LEVEL_FEWEST), count, (inputs, others))
+        if found is not None:
+            return found
+    return None
+
+
+def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoisePart]:
+    """The parts of a channel that have enough samples."""
+    second, fourth = scaled_differences(series.time, series.values)[1:-1], fourth_differences(series.time, series.values)
+    out = []
+    for rows in np.array_split(np.arange(len(fourth)), parts):
+        known = np.isfinite(fourth[rows])
+        if np.count_nonzero(known) < NOISE_LEVEL_FEWEST // 2:
+            continue
+        level = max(robust_sigma_about_zero(fourth[rows][known]), 0.5 * series.least_bit, SMALLEST * series.span)
+        if level > 0.0:
+            white = robust_sigma_about_zero(second[rows][known]) < MOTION * level
+            begin, end = float(series.time[rows[0]]), float(series.time[rows[-1] + 4])
+            steps, rough4 = np.diff(series.values[rows[0] : rows[-1] + 5]), fourth[rows][known]
+            power = float(np.mean(steps**2) - 2.0 * np.mean(rough4**2))
+            slow = power < float(np.mean(rough4**2)) and robust_sigma_about_zero(steps) ** 2 < 3.0 * level**2
+            rough = tuple(_roughness(other, begin, end) for other in inputs)
+            out.append(_NoisePart(level, white, slow, float(np.sqrt(max(power, 0.0))), rough, int(np.count_nonzero(known)), (begin, end)))
+    return out
+
+
+def _roughness(other: Series, begin: float, end: float) -> float:
+    """Size of the fourth differences of a channel between two times, half a step of its converter at least."""
+    inside = (other.time >= begin) & (other.time <= end)
+    if np.count_nonzero(inside) < NOISE_LEVEL_FEWEST // 2:
+        return 0.0
+    fourth = fourth_differences(other.time[inside], other.values[inside])
+    fourth = fourth[np.isfinite(fourth)]
+    return max(robust_sigma_about_zero(fourth) if fourth.size else 0.0, 0.5 * other.least_bit)
+
+
+def _beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
+    """Ratio of two levels, less the ratio by which an input was rougher: a linear system makes no more of it. Zero where the motion made it."""
+    if not loud.slow and quiet.motion < loud.motion:
+        return 0.0
+    more = 1.0
+    for before, after in zip(quiet.rough, loud.rough, strict=True):
+        if after > before:
+            more = max(more, after / before if before > 0.0 else np.inf)
+    return loud.level / quiet.level / more
+
+
+def _shared(quiet: _NoisePart, loud: _NoisePart, others: Sequence[Series]) -> bool:
+    """Whether another output is rougher as well, by more than its roughness scatters."""
+    least = max(FACTOR, float(np.exp(SURE * SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples))))
+    return any(_roughness(other, *loud.times) > least * _roughness(other, *quiet.times) > 0.0 for other in others)
+
+
+def _sure(quiet: _NoisePart, loud: _NoisePart) -> bool:
+    """Whether the noise of a part is larger than that of another by more than its estimates scatter."""
+    ratio = _beyond_inputs(quiet, loud)
+    scatter = SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples)
+    return bool(ratio >= FACTOR and np.log(ratio) >= SURE * scatter)
+
+
+def _between_parts(series: Series, parts: int, count: int, beside: tuple[Sequence[Series], Sequence[Series]]) -> RecordFinding | None:
+    if parts < 3:
+        return None
+    inputs, others = beside
+    every = _parts(series, parts, inputs)
+    found = [one for one in every if one.white]
+    pairs = [
+        (quiet, loud) for quiet in found for loud in found if loud.level > quiet.level and _sure(quiet, loud) and not _shared(quiet, loud, others)
+    ]
+    if len(found) < 3 or not pairs:
+        return None
+    low, high = max(pairs, key=lambda pair: pair[1].level / pair[0].level)
+    told = "has noise that changes along the record: "
+    told += ", ".join(f"{shown(one.level, series.unit)} from {one.times[0]:.4g} to {one.times[1]:.4g} s" for one in (low, high))
+    numbers = {"least": Number(low.level, series.unit), "greatest": Number(high.level, series.unit)}
+    mask = np.zeros(count, dtype=bool)
+    between = float(np.sqrt(low.level * high.level))
+    above = [loud.level for _, loud in pairs if loud.level > between]
+    below = [one.level for one in found if one.level <= between]
+    if np.median(above) > LOUD * np.median(below):
+        loud = _loud(fourth_differences(series.time, series.values), between, len(series.values))
+        moved = [one for one in every if one.level > between and not any(one is other for _, other in pairs)]
+        mask[series.rows[loud & ~_inside(series.time, moved)]] = True
+    if 0.0 < np.count_nonzero(mask) < MOST * len(series.values):
+        return RecordFinding(series.name, Kind.NOISE_LEVEL, Certainty.COSTS_INFORMATION, told, "", (high.times,), numbers, mask)
+    remedy = "one noise level is fitted to the whole record: sigmas are a mean; cut out the noisy part if it is a fault"
+    return RecordFinding(series.name, Kind.NOISE_LEVEL, Certainty.LIKELY, told, remedy, (high.times,), numbers)
+
+
+def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
+    """Which times lie in one of the parts."""
+    inside = np.zeros(len(time), dtype=bool)
+    for one in parts:
+        inside |= (time >= one.times[0]) & (time <= one.times[1])
+    return inside
+
+
+def _loud(fourth: np.ndarray, above: float, count: int) -> np.ndarray:
+    """Which of ``count`` samples lie where the noise, over a short window, is above a level."""
+    known = np.isfinite(fourth)
+    padded = np.pad(np.where(known, np.abs(fourth), np.nan), WINDOW, mode="reflect")
+    local = ROBUST * np.nanmedian(np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1), axis=1)
+    loud = np.zeros(count, dtype=bool)
+    loud[2 : len(local) + 2] = local > above
+    return loud

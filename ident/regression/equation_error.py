@@ -20,12 +20,9 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
-from ident.regression.local_polynomial import windows
-from ident.regression.state_histories import StateData, state_data
-from ident.statistics.coloured_covariance import corrected_covariance, sandwich
-from ident.statistics.information import UNDETERMINED, conditional_scale, determined_and_open, inverse_information
-from ident.statistics.normal_equations import add_normal_equations, unresolved
-from ident.statistics.residual_spectrum import RecordScores
+from ident.regression.state_histories import StateData, state_data, windows
+from ident.statistics.information import UNDETERMINED, add_normal_equations, conditional_scale, determined_and_open, inverse_information, unresolved
+from ident.statistics.residual_spectrum import RecordScores, corrected_covariance, sandwich
 from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP

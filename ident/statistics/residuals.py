@@ -1,14 +1,17 @@
-"""Are residuals or innovations what the noise alone would give? Two first tests."""
+"""Tests of residuals against noise, and of estimates against declared values and each other."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ident.estimate import Estimate, FilterHistory
-from ident.statistics.local_level import levelled
-from ident.statistics.robust import robust_sigma_about_zero
+from ident.statistics.noise_levels import levelled, robust_sigma_about_zero
+from sim.errors import ModelError
+
+# ---- Are residuals or innovations what the noise alone would give? Two first tests
 
 FAR_ABOVE = 2.0  # chosen: of a channel's own noise, from which a residual is not called noise
 
@@ -99,3 +102,114 @@ def residual_tests(estimate: Estimate, residuals: np.ndarray, valid: np.ndarray)
     tests = [ljung_box(row, mask, name) for (row, mask), name in zip(rows, estimate.output_names, strict=True) if np.any(mask)]
     tests += [found for (row, mask), name in zip(rows, estimate.output_names, strict=True) if (found := residual_size(row, mask, name)) is not None]
     return tuple(tests) if history is None else (*tests, innovation_size(history))
+
+
+# ---- Whether an estimated derivative can be believed beside the value that was declared of it
+
+SIGMAS = 2.0  # to either side: what an estimate may be by its own account
+THREEFOLD = 3.0  # a vehicle file is possibly 30 % wrong: ten of its sigmas from zero, as far as from a turned sign
+
+
+def contradiction(value: float, std: float, declared: float) -> str:
+    """What speaks against an estimate with its sigma where another value was declared; empty where nothing does.
+
+    An estimate contradicts where no value within two sigmas has the declared sign and less than three times the declared size. Nothing speaks where
+    zero was declared, or where value or sigma are not finite: that tells of no derivative.
+    """
+    if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
+        return ""
+    share, sigma = value / declared, abs(std / declared)
+    if share + SIGMAS * sigma < 0.0:
+        return "has the other sign"
+    if share - SIGMAS * sigma > THREEFOLD:
+        return f"is {share:.2g} times as large"
+    return ""
+
+
+def shortfall(value: float, std: float, declared: float) -> str:
+    """By how much an estimate falls short of a declared value: ``"is 12 times smaller"``; empty where it does not.
+
+    It falls short where no value within two sigmas reaches a third of the declared size: a constant of the vehicle file that is too large,
+    such as its chord, makes derivatives too small by the same factor. A value of the other sign is for ``contradiction``.
+    """
+    if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
+        return ""
+    share, sigma = value / declared, abs(std / declared)
+    if abs(share) + SIGMAS * sigma >= 1.0 / THREEFOLD or share + SIGMAS * sigma < 0.0:
+        return ""
+    return f"is {1.0 / share:.2g} times smaller" if share > SIGMAS * sigma else "is not told from zero"
+
+
+# ---- What differs between two estimates by more than their uncertainty
+
+BEYOND = 2.0  # sigmas, as the bounds that NASA TM-101722 draws
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One parameter of two estimates.
+
+    Attributes
+    ----------
+    first, second : values, in ``unit``; ``first_std``, ``second_std`` their standard deviations.
+    z : second minus first over the root of both variances' sum; zero where both are without variance and equal.
+    beyond : |z| exceeds the limit asked for.
+    """
+
+    name: str
+    unit: str
+    first: float
+    first_std: float
+    second: float
+    second_std: float
+    z: float
+    beyond: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Differences of the common parameters, largest |z| first, and the joint test: ``statistic`` is d^T (P1 + P2)^-1 d with
+    ``degrees`` of freedom and ``p_value`` that the two estimates differ by chance only. Estimates from independent records."""
+
+    differences: tuple[Difference, ...]
+    statistic: float
+    degrees: int
+    p_value: float
+
+    @property
+    def beyond(self) -> tuple[Difference, ...]:
+        """What differs beyond its uncertainty."""
+        return tuple(item for item in self.differences if item.beyond)
+
+
+def compare_estimates(first: Estimate, second: Estimate, limit: float = BEYOND) -> Comparison:
+    """Compare two estimates parameter by parameter, and all together with both covariances.
+
+    Raises
+    ------
+    ModelError : no parameter in common, or a common one in different units.
+    """
+    from scipy.special import chdtrc
+
+    common = [name for name in first.names if name in second.names]
+    if not common:
+        raise ModelError("no parameter in common", where="comparison of two estimates", remedy="compare estimates of one model")
+    a, b = [first.names.index(name) for name in common], [second.names.index(name) for name in common]
+    for name, i, j in zip(common, a, b, strict=True):
+        if first.units[i] != second.units[j]:
+            what = f"one is in {first.units[i]}, the other in {second.units[j]}"
+            raise ModelError(what, where=f"comparison, {name}", remedy="estimate both in one unit")
+    d = second.values[b] - first.values[a]
+    P = first.covariance[np.ix_(a, a)] + second.covariance[np.ix_(b, b)]
+    scale = np.sqrt(np.maximum(np.diag(P), 0.0))
+    rows = []
+    for k, name in enumerate(common):
+        z = float(d[k] / scale[k]) if scale[k] > 0 else (0.0 if d[k] == 0 else float(np.copysign(1e9, d[k])))
+        values = (float(first.values[a[k]]), float(first.std[a[k]]), float(second.values[b[k]]), float(second.std[b[k]]))
+        rows.append(Difference(name, first.units[a[k]], *values, z, abs(z) > limit))
+    kept = scale > 0
+    whole = P[np.ix_(kept, kept)] / np.outer(scale[kept], scale[kept])
+    white = d[kept] / scale[kept]
+    statistic, degrees = float(white @ np.linalg.pinv(whole, hermitian=True) @ white), int(np.linalg.matrix_rank(whole, hermitian=True))
+    ordered = tuple(sorted(rows, key=lambda item: -abs(item.z)))
+    return Comparison(ordered, statistic, degrees, float(chdtrc(degrees, statistic)) if degrees else 1.0)

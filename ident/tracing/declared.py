@@ -13,7 +13,7 @@ from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Step
 from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, mended_inputs, spike_masks
 from ident.tracing.validation.held_out import HeldOutData, held_out
-from ident.whole_record.failed_fit import failed_fit
+from ident.whole_record.output_error import failed_fit
 from sim.errors import ModelError
 from sim.record import Record
 
@@ -41,7 +41,7 @@ def fit_declared(problem: TraceProblem) -> Declared:
 
     Raises
     ------
-    ModelError : no finite cost, or a fit that has failed (``ident.whole_record.failed_fit``).
+    ModelError : no finite cost, or a fit that has failed (``ident.whole_record.output_error``).
     """
     problem.progress("fitting the declared model", 0.0)
     root = problem.fit((), None)

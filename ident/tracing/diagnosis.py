@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from ident.flying_qualities.characteristics import Characteristics
+from ident.flying_qualities.modes import Characteristics
 from ident.statistics.residuals import ResidualTest
 from ident.whole_record.layout import FitSettings
 from sim.declaration.proposal import Traceable

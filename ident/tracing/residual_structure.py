@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.recording.series import measurable_noise
-from ident.statistics.coloured_covariance import autocovariance
+from ident.statistics.noise_levels import sensor_noise, used_runs
+from ident.statistics.residual_spectrum import autocovariance
 from ident.statistics.residuals import ResidualTest
-from ident.statistics.sensor_noise import sensor_noise, used_runs
 from ident.tracing import thresholds
 from ident.tracing.diagnosis import FittedRecord
 from ident.whole_record.gauss_newton import Fit

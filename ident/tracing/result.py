@@ -9,8 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.flying_qualities.characteristics import Characteristics, characteristics
-from ident.flying_qualities.modal import MODAL_UNITS, modal_estimate
+from ident.flying_qualities.modes import MODAL_UNITS, Characteristics, characteristics, modal_estimate
 from ident.process_noise.best_start import levels_at_limit
 from ident.process_noise.filter_error import filter_error_estimate, noise_levels
 from ident.process_noise.innovations_model import has_process_noise

@@ -1,20 +1,139 @@
-"""Layout of a whole-record fit: which unknowns there are, and which record sees which."""
+"""Unknowns of a whole-record fit laid out over its records, start trajectories, and the noise model.
+
+A NoiseModel turns residuals and sensitivities into those of independent samples. It may have unknowns of its own, which stand
+behind those of the layout in theta. `ident.process_noise.innovations_model` is the one with a Kalman filter.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from ident.whole_record.first_guess import known_states
-from ident.whole_record.record_problem import RecordProblem, record_problem
-from ident.whole_record.trajectory_guess import guess_states
+from ident.estimate import LARGEST
+from ident.regression.state_histories import rate_relations, windows
+from ident.whole_record.linearise import Linearisation, join_intervals, linearise
+from ident.whole_record.record_problem import RecordProblem, driven_by, interval_ends, record_problem
 from sim.declaration.effect import Parameter
 from sim.declaration.model import System
 from sim.errors import ModelError
+from sim.maths import COMPLEX_STEP
+from sim.propagation import Drive
 from sim.record import Record
+
+# ---- States that a record shows
+
+SPAN = 60  # a slope is taken over two sixtieths of the record
+
+
+def known_states(record: Record, system: System, p: Sequence[float] | np.ndarray | None = None) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Position of a state -> times ``(k,)`` and values ``(k,)``; good enough to begin a fit with.
+
+    Of a measured state the bias of its sensor is taken off, at parameters ``p`` (the System's own when None). Slopes are those of
+    straight lines over a window, after a running median of five against spikes.
+    """
+    names = system.state_names
+    found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+    for i, name in enumerate(names):
+        if name in record.output_names:
+            channel = record[name]
+            found[i] = record.time[channel.valid], channel.values[channel.valid] - _bias(system, name, p)
+    if len(found) in (0, len(names)):
+        return found
+    for source, rate in rate_relations(system, record.time).items():
+        i, j = names.index(source), names.index(rate)
+        if i in found and j not in found and len(found[i][0]) > 12:
+            time, values = found[i]
+            padded = np.pad(values, 2, mode="edge")
+            calm = np.median([padded[k : k + len(values)] for k in range(5)], axis=0)
+            fit = windows(time, np.ones(len(time), dtype=bool), max(3, len(time) // SPAN), 1)
+            slope = np.sum(fit.slope * fit.gather(calm), axis=1)
+            found[j] = time[fit.usable], slope[fit.usable]
+    return found
+
+
+def _bias(system: System, name: str, p: Sequence[float] | np.ndarray | None) -> float:
+    parameters, bias = system.parameters, f"bias_{name}"
+    if bias not in parameters.names:
+        return 0.0
+    return parameters[bias].value if p is None else float(p[parameters.index(bias)])
+
+
+# ---- Where a whole-record fit takes its states from before there is a trajectory
+
+_CLOSED = 1e-9  # of a state's size: gaps that are left where the states simulated are linear in themselves
+
+
+def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Trajectory guess ``(nx, K + 1)``: measured states from the record, the others simulated between.
+
+    Bounded also where the model alone would run away, which a simulation from a wrong start would not be.
+    """
+    system, grid, record = problem.system, problem.grid, problem.record
+    measured = {i: np.interp(grid.nodes, time, values) for i, (time, values) in known_states(record, system, p).items()}
+    if len(measured) == len(system.states):
+        return np.array([measured[i] for i in range(len(measured))])
+    drive = driven_by(record, system, p, grid)
+    found = simulated_at_once(problem, measured, drive, p, x0) if measured else None
+    if found is None:
+        found = simulated_in_turn(problem, measured, drive, p, x0)
+    return np.nan_to_num(np.clip(found, -1e12, 1e12))
+
+
+def simulated_at_once(
+    problem: RecordProblem, measured: Mapping[int, np.ndarray], drive: Drive, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray
+) -> np.ndarray | None:
+    """States ``(nx, K + 1)``, those that are not measured by one banded solve over all intervals; None where they are not linear in themselves."""
+    free = [i for i in range(len(x0)) if i not in measured]
+    X = np.repeat(np.array(x0, dtype=float)[:, None], len(problem.grid.nodes), axis=1)
+    for i, values in measured.items():
+        X[i] = values
+    start = np.array(x0, dtype=float)[free]
+    with np.errstate(all="ignore"):  # what runs away is not finite, and simulated in turn
+        for last in (False, True):
+            ends = _ends(problem, X, drive, p, free)
+            defects = ends[:, 0].real - X[free, 1:]
+            if not np.all(np.abs(ends) < LARGEST):
+                return None
+            if last:
+                return X if np.all(np.abs(defects) <= _CLOSED * np.max(np.abs(X[free]), axis=1, keepdims=True)) else None
+            slopes = ends[:, 1:].imag / COMPLEX_STEP
+            X[free] += join_intervals(slopes, np.zeros((len(free), 0, len(defects[0]))), defects, (), start - X[free, 0])[:, 0]
+    return None
+
+
+def _ends(problem: RecordProblem, X: np.ndarray, drive: Drive, p: Sequence[float] | np.ndarray, free: Sequence[int]) -> np.ndarray:
+    """The states ``free`` at the end of each interval, from ``X`` at its beginning and from a complex step of each: ``(f, 1 + f, K)``."""
+    start = np.repeat(X[:, None, :-1].astype(complex), 1 + len(free), axis=1)
+    start[free, 1 + np.arange(len(free))] += 1j * COMPLEX_STEP
+    return interval_ends(problem, list(start), drive, [float(v) for v in p])[list(free)]
+
+
+def simulated_in_turn(
+    problem: RecordProblem, measured: Mapping[int, np.ndarray], drive: Drive, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray
+) -> np.ndarray:
+    """States ``(nx, K + 1)``, node by node; beyond the range of numbers a state stays."""
+    grid = problem.grid
+    stages = [[row.tolist() for row in stage] for stage in drive.stages]
+    x, out = [float(v) for v in x0], np.empty((len(x0), len(grid.nodes)))
+    times, steps, p = grid.edges.tolist(), grid.steps.tolist(), [float(v) for v in p]
+    for k in range(len(grid.nodes)):
+        for i, values in measured.items():
+            x[i] = float(values[k])
+        out[:, k] = x
+        if k < len(grid.nodes) - 1:
+            for s in range(k * grid.substeps, (k + 1) * grid.substeps):
+                u = ([row[s] for row in stages[0]], [row[s] for row in stages[1]], [row[s] for row in stages[2]])
+                with suppress(ArithmeticError, ValueError):  # beyond the range of floats the last state serves as well as any
+                    x = problem.step(problem.system.f, times[s], x, u, p, steps[s])
+    return out
+
+
+# ---- Layout of a whole-record fit: which unknowns there are, and which record sees which
 
 ROUNDING = 1e-11  # relative size of what a whole-record computation does not resolve
 
@@ -192,3 +311,195 @@ def _seed_initial_states(theta: np.ndarray, records: Sequence[Record], system: S
         for c, i in enumerate(starts):
             if i in known:
                 theta[shared + r * (local + len(starts)) + local + c] = known[i][1][0]
+
+
+# ---- What a record says of the parameters to first order
+
+MAX_STEP = 0.01  # longest sub-step, s: that of the whole-record fits
+
+
+def weighted_sensitivities(record: Record, system: System, noise_std: np.ndarray, max_step: float = MAX_STEP) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names of the free parameters and the slopes ``(M, n)`` of all measured samples by them, over the noise standard deviation ``(m,)``.
+
+    At the parameters of ``system``, by complex steps. Biases and initial states are nuisances: what they could explain is projected out,
+    with the priors that the system declares of them. The information of the record is ``S' S``; singular values of ``S`` tell directions
+    without influence to rounding, of which those of ``S' S`` would leave half the digits.
+
+    Raises
+    ------
+    ModelError : the simulation leaves all measure.
+    """
+    layout = lay_out([record], system, FitSettings(max_step=max_step, use_priors=True, exact=True))
+    problem, n = layout.problems[0], len(layout.shared)
+    p, x0 = layout.split(layout.start, 0)
+    line = linearise(problem, p, x0, layout.guesses(layout.start)[0])
+    line = linearise(problem, p, x0, line.states)
+    if not np.all(np.isfinite(line.jacobian)):
+        raise ModelError("the simulation leaves all measure", where=record.name, remedy="give starting values of a model that stays finite")
+    slopes = (line.jacobian / np.asarray(noise_std)[:, None, None])[problem.valid]
+    items = [system.parameters[name] for name in layout.local] + [system.initial.items[i] for i in layout.starts]
+    known = np.array([1.0 / item.prior_std if np.isfinite(item.prior_std) else 0.0 for item in items])
+    nuisance = np.vstack([slopes[:, n:], np.diag(known)])
+    shared = np.vstack([slopes[:, :n], np.zeros((len(items), n))])
+    basis = np.linalg.qr(nuisance / np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300))[0]
+    return layout.shared, shared - basis @ (basis.T @ shared)
+
+
+# ---- What is random in the data of a whole-record fit
+
+
+class LaidOut(Protocol):
+    """What a noise model reads of a layout; `ident.whole_record.layout.FitLayout` has it."""
+
+    @property
+    def system(self) -> System: ...
+    @property
+    def problems(self) -> tuple[RecordProblem, ...]: ...
+    @property
+    def order(self) -> tuple[int, ...]: ...
+    @property
+    def low(self) -> np.ndarray: ...
+    @property
+    def high(self) -> np.ndarray: ...
+    @property
+    def used(self) -> np.ndarray: ...
+    @property
+    def smallest(self) -> np.ndarray: ...
+    def columns(self, r: int) -> np.ndarray: ...
+    def split(self, theta: np.ndarray, r: int) -> tuple[np.ndarray, np.ndarray]: ...
+
+
+class ResidualFilter(Protocol):
+    """What makes the residuals of one record independent."""
+
+    def whiten(self, columns: np.ndarray) -> np.ndarray:
+        """Columns ``(m, N, c)`` in the outputs' units as those of independent samples of variance one, zero where a sample is missing."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedResiduals:
+    """Residuals and sensitivities of each record as those of independent samples.
+
+    Attributes
+    ----------
+    residuals, jacobians : ``(m, N)`` and ``(m, N, c)`` a record; residuals are zero where a sample is missing.
+    variance : ``(m,)`` of the residuals.
+    cost : minus the log likelihood, without 0.5 (1 + ln 2 pi) a sample.
+    filters : one a record, for further columns.
+    """
+
+    residuals: tuple[np.ndarray, ...]
+    jacobians: tuple[np.ndarray, ...]
+    variance: np.ndarray
+    cost: float
+    filters: tuple[ResidualFilter, ...]
+
+
+class NoiseModel(Protocol):
+    """The model of what is random in the data.
+
+    ``names``, ``start``, ``low``, ``high`` describe its own unknowns. ``weight_residuals`` returns None where its likelihood is not
+    finite. ``covariance_terms`` are gradient ``(n,)`` and expected information ``(n, n)`` of the log likelihood through the dependence
+    of the residuals' covariance on the unknowns; None where there is none.
+    ``step_bounds`` of one step of a fit from ``theta``: lowest and highest values of all unknowns, ``(n,)`` each.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def start(self) -> np.ndarray: ...
+    @property
+    def low(self) -> np.ndarray: ...
+    @property
+    def high(self) -> np.ndarray: ...
+    def weight_residuals(
+        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+    ) -> WeightedResiduals | None: ...
+    def covariance_terms(
+        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
+    ) -> tuple[np.ndarray, np.ndarray] | None: ...
+    def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Standardised:
+    """Division by each output's standard deviation: ``valid (m, N)``, ``variance (m,)``."""
+
+    valid: np.ndarray
+    variance: np.ndarray
+
+    def whiten(self, columns: np.ndarray) -> np.ndarray:
+        """Columns over the standard deviation, zero where a sample is missing."""
+        weight = np.where(self.valid, 1.0 / np.sqrt(self.variance)[:, None], 0.0)
+        return weight[:, :, None] * columns
+
+
+@dataclass(frozen=True)
+class White:
+    """Independent Gaussian noise on each output, its variance concentrated out: the mean square of the residual."""
+
+    names: tuple[str, ...] = ()
+
+    @property
+    def start(self) -> np.ndarray:
+        return np.zeros(0)
+
+    low = high = start
+
+    def weight_residuals(
+        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+    ) -> WeightedResiduals | None:
+        """Residuals and sensitivities as they are."""
+        squares = np.sum([(residual**2).sum(axis=1) for residual in residuals], axis=0)
+        found = squares / np.maximum(counts, 1)
+        variance = np.where(layout.used, np.maximum(found, layout.smallest), 1.0)
+        # A variance held at its least is no unknown: without its squares the cost would not have the gradient that is followed.
+        held = np.where(found < layout.smallest, squares / variance - counts, 0.0)
+        cost = 0.5 * float(np.sum(np.where(layout.used, counts * np.log(variance) + held, 0.0)))
+        filters = tuple(Standardised(problem.valid, variance) for problem in layout.problems)
+        return WeightedResiduals(tuple(residuals), tuple(line.jacobian for line in lines), variance, cost, filters)
+
+    def covariance_terms(
+        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """None: the variances are concentrated out."""
+        return None
+
+    def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The bounds of the layout."""
+        return layout.low, layout.high
+
+
+WHITE = White()
+
+
+# ---- What a whole-record fit solves
+
+
+@dataclass(frozen=True, eq=False)
+class FitProblem:
+    """A layout and a noise model; in theta the noise model's own unknowns stand behind those of the layout."""
+
+    layout: FitLayout
+    noise_model: NoiseModel = WHITE
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all unknowns."""
+        return (*self.layout.names, *self.noise_model.names)
+
+    @property
+    def start(self) -> np.ndarray:
+        """Where the fit begins, ``(n,)``."""
+        return np.concatenate([self.layout.start, self.noise_model.start])
+
+    @property
+    def low(self) -> np.ndarray:
+        """Lowest values, ``(n,)``."""
+        return np.concatenate([self.layout.low, self.noise_model.low])
+
+    @property
+    def high(self) -> np.ndarray:
+        """Highest values, ``(n,)``."""
+        return np.concatenate([self.layout.high, self.noise_model.high])

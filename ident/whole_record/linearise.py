@@ -15,9 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.whole_record.intervals import changed_rows, interval_ends, sample_outputs
-from ident.whole_record.linear_record import linear_record
-from ident.whole_record.record_problem import INCREMENT, RecordProblem, driven_by
+from ident.whole_record.record_problem import INCREMENT, RecordProblem, changed_rows, driven_by, interval_ends, linear_record, sample_outputs
 from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive
 

@@ -16,12 +16,10 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Outcome
-from ident.statistics.coloured_covariance import corrected_covariance
-from ident.statistics.information import inverse_information
-from ident.statistics.normal_equations import LocalModel, local_model, unresolved
-from ident.whole_record.fit_problem import FitProblem
+from ident.statistics.information import LocalModel, inverse_information, local_model, unresolved
+from ident.statistics.residual_spectrum import corrected_covariance
 from ident.whole_record.gauss_newton import Fit, arrived, carried, evaluate, joined_up
-from ident.whole_record.layout import FitLayout
+from ident.whole_record.layout import FitLayout, FitProblem
 from sim.declaration.model import System
 from sim.maths import complex_step_jacobian
 

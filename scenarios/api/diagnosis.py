@@ -157,7 +157,7 @@ class Diagnosis:
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
         """The declared model with ``parameters``, as python-control's with named signals; the claimed effects are no part of it."""
-        from ident.flying_qualities.state_space import to_control
+        from ident.flying_qualities.modes import to_control
         from scenarios.identification.state_space import linearised
         from sim.declaration.compile import compile_model
 

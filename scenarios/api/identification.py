@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import control
     import pandas
 
-    from ident.flying_qualities.state_space import StateSpace
+    from ident.flying_qualities.modes import StateSpace
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -161,7 +161,7 @@ class Identification:
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
         """The same as python-control's, with named states, inputs and outputs; a delay as a Pade approximation of order ``pade``."""
-        from ident.flying_qualities.state_space import to_control
+        from ident.flying_qualities.modes import to_control
 
         return to_control(self.linearised(), pade)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ident.flying_qualities.state_space import state_space, to_control
+from ident.flying_qualities.modes import state_space, to_control
 from scenarios.files.own_models import is_own
 from scenarios.identification.state_space import linearised
 from scenarios.studies.catalogue import IDENTIFICATION

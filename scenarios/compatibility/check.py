@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, SensorFinding
 from ident.compatibility.signals import measured_channels
-from ident.compatibility.six_degrees.channels import CHANNELS, WRAPPED, recorded
-from ident.recording.finding import Expectations
-from ident.recording.series import measurable_noise
+from ident.compatibility.six_degrees.kinematics import CHANNELS, WRAPPED, recorded
+from ident.compatibility.trials import CheckResult, Compatibility, CompatibilitySettings, SensorFinding
+from ident.recording.series import Expectations, measurable_noise
 from scenarios.files.channel_names import STICK, TIME
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile, all_simulated, identities, read_record_files, refuse_twice, with_names

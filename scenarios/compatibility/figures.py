@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
-from ident.compatibility.result import Compatibility
+from ident.compatibility.trials import Compatibility
 from scenarios.plots.compatibility import figure_reconstruction
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.files import Named

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from ident.compatibility.result import CheckResult, Quantity, SensorEstimate, SensorFinding
+from ident.compatibility.trials import CheckResult, FaultQuantity, SensorEstimate, SensorFinding
 from scenarios.compatibility.check import Check, equivalent_constant, noise_levels
 from scenarios.compatibility.page import check_page
 from scenarios.files.folders import study_folder
@@ -106,5 +106,5 @@ def _finding(item: SensorFinding) -> dict[str, Any]:
     }
 
 
-def _quantity(item: Quantity) -> dict[str, float]:
+def _quantity(item: FaultQuantity) -> dict[str, float]:
     return {"value": item.value, "std": item.std}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from ident.compatibility.six_degrees.channels import CHANNELS
+from ident.compatibility.six_degrees.kinematics import CHANNELS
 from scenarios.compatibility.check import Check, noise_levels
 from scenarios.compatibility.text import finding_lines, print_by_record, print_estimates, unit_of
 from scenarios.pages.folder import figures

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from ident.compatibility.faults import BOOM, PACKAGE, VANES
-from ident.compatibility.result import CheckResult, SensorEstimate, SensorFinding
+from ident.compatibility.kinematics import BOOM, PACKAGE, VANES
+from ident.compatibility.trials import CheckResult, SensorEstimate, SensorFinding
 from scenarios.compatibility.check import Check, equivalent_constant, noise_levels
 from scenarios.preparation.record_words import record_lines
 from scenarios.terminal.display_units import shown_in, spaced, unit_cell

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, SensorEstimate, SensorFinding
+from ident.compatibility.trials import CheckResult, Compatibility, CompatibilitySettings, SensorEstimate, SensorFinding
 from scenarios.diagnosis.kinematics import Kinematics
 from sim.errors import FlightidError
 from sim.record import Record
@@ -105,7 +105,7 @@ def kinematics_of(records: Iterable[Record], settings: CompatibilitySettings, as
 
 def _level(records: list[Record], settings: CompatibilitySettings, asked: Relations) -> tuple[list[Record], list[str]]:
     """Of relations without a bank angle the records in which the wings were level enough for them, and what is said of the others."""
-    from ident.compatibility.six_degrees.level_wings import misled_by_bank
+    from ident.compatibility.six_degrees.kinematics import misled_by_bank
 
     if BANK in asked.channels:
         return records, []
@@ -129,7 +129,7 @@ def _taking_part(record: Record, asked: Relations) -> Record:
 
 def _measured(record: Record, asked: Relations) -> tuple[str, ...]:
     from ident.compatibility.signals import measured_channels
-    from ident.compatibility.six_degrees.channels import recorded
+    from ident.compatibility.six_degrees.kinematics import recorded
 
     return recorded(record) if asked.six else measured_channels(record)
 

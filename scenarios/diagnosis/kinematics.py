@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ident.compatibility.result import Compatibility, SensorEstimate, SensorFinding
+from ident.compatibility.trials import Compatibility, SensorEstimate, SensorFinding
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.terminal.quantities import with_sigma
 
@@ -145,7 +145,7 @@ def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agre
 
 def worth_of(item: SensorEstimate | SensorFinding) -> float:
     """What interpolation and an airspeed slightly wrong make of the size of a fault, beside its standard deviation."""
-    from ident.compatibility.faults import SensorFault
+    from ident.compatibility.kinematics import SensorFault
 
     return SensorFault(item.channel, item.kind).worth
 

@@ -25,7 +25,7 @@ from sim.errors import DeclarationError
 from sim.record import Record
 
 if TYPE_CHECKING:
-    from ident.flying_qualities.mode_levels import Flown
+    from ident.flying_qualities.levels import Flown
     from scenarios.files.channels import ColumnChoice
     from scenarios.preparation.reading import Prepared
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from ident.flying_qualities.mode_levels import Flown
+from ident.flying_qualities.levels import Flown
 from ident.tracing.diagnosis import Diagnosis
 from ident.tracing.settings import NORMAL
 from scenarios.diagnosis.kinematics import Kinematics

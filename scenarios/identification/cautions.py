@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from ident.filters.coloured_innovations import coloured_innovations
-from ident.statistics.contradictions import contradiction, shortfall
-from ident.whole_record.failed_fit import UNDETERMINED, failed_simulation, none_determined
+from ident.filters.smoother import coloured_innovations
+from ident.statistics.residuals import contradiction, shortfall
+from ident.whole_record.output_error import UNDETERMINED, failed_simulation, none_determined
 from scenarios.files.vehicles import VehicleFile
 from scenarios.studies.rows import Row
 from scenarios.terminal.numbers import number

@@ -37,7 +37,7 @@ from sim.record import Hold, Record
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ident.flying_qualities.mode_levels import Flown
+    from ident.flying_qualities.levels import Flown
     from scenarios.files.channels import ColumnChoice
     from scenarios.preparation.plan import Plan
     from scenarios.preparation.reading import Prepared

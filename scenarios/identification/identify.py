@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.flying_qualities.characteristics import characteristics
-from ident.flying_qualities.modal import modal_estimate
-from ident.statistics.profile import ProfileInterval
+from ident.flying_qualities.modes import characteristics, modal_estimate
+from ident.statistics.intervals import ProfileInterval
 from ident.statistics.residuals import ResidualTest, residual_tests
-from ident.whole_record.output_error import FitSettings
+from ident.whole_record.layout import FitSettings
 from scenarios.files.constraints import constraint_sentences
 from scenarios.files.own_models import moves_about_rest
 from scenarios.files.vehicles import VehicleFile

@@ -12,11 +12,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ident.banks.delays import DelayBank, run_delay_bank
-from ident.banks.engines import BATCHED, ENGINES, against_filterpy
+from ident.banks.delays import BATCHED, ENGINES, DelayBank, against_filterpy, run_delay_bank
 from ident.estimate import Estimate
-from ident.flying_qualities.handling_qualities import qualities
-from ident.statistics.noise_envelope import noise_envelope
+from ident.flying_qualities.levels import qualities
+from ident.statistics.noise_levels import noise_envelope
 from ident.statistics.residuals import residual_tests
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order_filter import SIMULATION_SHARE, loes_filter_system

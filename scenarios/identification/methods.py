@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.banks.delays import WIDENINGS, contradicted, widened
-from ident.banks.engines import ENGINES, FILTERPY
+from ident.banks.delays import ENGINES, FILTERPY, WIDENINGS, contradicted, widened
 from ident.estimate import Estimate, Outcome
-from ident.filters.coloured_innovations import with_coloured_covariance
-from ident.filters.ekf import FilterSettings
-from ident.filters.iterated_ekf import run_iterated_ekf
-from ident.whole_record.output_error import FitSettings, fit_output_error
+from ident.filters.ekf import FilterSettings, run_iterated_ekf
+from ident.filters.smoother import with_coloured_covariance
+from ident.whole_record.layout import FitSettings
+from ident.whole_record.output_error import fit_output_error
 from scenarios.files.own_models import inputs_at_rest, is_own
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment.intervals import refuse_profile
@@ -126,7 +125,7 @@ def _estimated_by(
     system = compile_model(model, outputs)
     if method == "equation-error":
         from ident.regression.equation_error import RegressionSettings, run_equation_error
-        from ident.whole_record.numerical_error import with_sampling_error
+        from ident.whole_record.gauss_newton import with_sampling_error
 
         found = run_equation_error(records, system, RegressionSettings(instruments=True))
         return system, with_sampling_error(found, records, system, settings)
@@ -235,7 +234,7 @@ def _calm(fit: Estimate, ready: Model) -> list[str]:
 def _run_filter(record: Record, system: System, first: System, method: str, options: Options, steps: FilterSettings | None) -> Estimate:
     if method == "ekf":
         return run_iterated_ekf(record, system, steps, first=first, by=ENGINES[options.engine or FILTERPY.name].one_pass)
-    from ident.filters.iterated_ukf import run_iterated_ukf
+    from ident.filters.ukf import run_iterated_ukf
 
     return run_iterated_ukf(record, system, steps, first=first)
 

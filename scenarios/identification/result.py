@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ident.estimate import Estimate
-from ident.flying_qualities.characteristics import Characteristics
-from ident.statistics.profile import ProfileInterval
+from ident.flying_qualities.modes import Characteristics
+from ident.statistics.intervals import ProfileInterval
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Trained
 from scenarios.files.vehicles import VehicleFile
@@ -71,7 +71,7 @@ class Options:
     """What an identification is asked besides its method.
 
     ``profile``: parameters whose interval is wanted, empty for all, None for none. ``band``: Hz, of the frequency domain; None: from the data.
-    ``engine``: of the extended Kalman filter, a key of ``ident.banks.engines.ENGINES``; None: filterpy for one filter, batched for a bank.
+    ``engine``: of the extended Kalman filter, a key of ``ident.banks.delays.ENGINES``; None: filterpy for one filter, batched for a bank.
     """
 
     profile: tuple[str, ...] | None = None

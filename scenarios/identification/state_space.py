@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.flying_qualities.state_space import StateSpace, state_space
-from ident.flying_qualities.whole_axes import LONGITUDINAL_STATES, level_flight
+from ident.flying_qualities.modes import LONGITUDINAL_STATES, StateSpace, level_flight, state_space
 from scenarios.files.measured.sidecar import sidecar_path
 from scenarios.files.own_models import inputs_at_rest
 from scenarios.files.sources import resolved

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.recording.finding import Certainty, Finding, Kind, Number, shown
+from ident.recording.series import Certainty, Kind, Number, RecordFinding, shown
 from ident.tracing.spikes.detection import input_edges, isolated_wrong
 from scenarios.preparation.recording import RawLook, Seen
 from sim.record import Channel, Record
@@ -75,5 +75,5 @@ def _seen(record: Record, name: str, mask: np.ndarray) -> Seen:
     told = f"has {count} wild point{'s' if count > 1 else ''}, far from the samples around and from the fit ({places})"
     told += f", up to {shown(float(np.max(away)), channel.unit)} from the middle of the channel"
     numbers = {"samples": Number(float(count), "1")}
-    finding = Finding(name, Kind.WILD_POINTS, Certainty.COSTS_INFORMATION, told, "", tuple((t, t) for t in times), numbers, mask)
+    finding = RecordFinding(name, Kind.WILD_POINTS, Certainty.COSTS_INFORMATION, told, "", tuple((t, t) for t in times), numbers, mask)
     return Seen(record.name, finding, "set aside", count)

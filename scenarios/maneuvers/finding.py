@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.maneuver_detection import AXES, PAUSE, Maneuver, Signals, active_share, find_maneuvers
+from ident.maneuver_detection import AXES, PAUSE, FlightSignals, Maneuver, active_share, find_maneuvers
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile, opened, with_names
 from scenarios.files.records import read_record, refuse_rate
@@ -143,10 +143,10 @@ def _unread(file: RecordFile, record: Record) -> Mapping[str, str]:
     return recognised(file, missing) if missing else {}
 
 
-def signals_of(record: Record) -> Signals:
+def signals_of(record: Record) -> FlightSignals:
     """A record's controls and motion as the search takes them."""
     values = {channel.name: channel.with_gaps() for channel in record.channels}
-    return Signals(
+    return FlightSignals(
         record.time,
         {name: values[name] for name in CONTROLS if name in values},
         {name: each for name, each in values.items() if name not in CONTROLS},

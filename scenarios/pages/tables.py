@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
-from ident.flying_qualities.modal import MODAL_UNITS
+from ident.flying_qualities.modes import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from scenarios.pages.model import BY_ROW, Column, Table
 from scenarios.pages.numbers import PURE, Cell, Number, estimate, known

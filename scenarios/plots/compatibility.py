@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ident.compatibility.faults import UNITS
-from ident.compatibility.result import Reconstruction
+from ident.compatibility.kinematics import UNITS
+from ident.compatibility.trials import Reconstruction
 from scenarios.plots.display import MEASURED_DATA, axis_label, display_unit
 from scenarios.plots.style import MEASURED, TICK_SIZE, ZERO, finish, make_sheet, method_style, time_axis, y_label
 

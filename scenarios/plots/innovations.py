@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.estimate import FilterHistory
-from ident.statistics.coloured_covariance import autocovariance
+from ident.statistics.residual_spectrum import autocovariance
 from scenarios.plots.display import axis_label, display_unit, scaled_unit, symbol
 from scenarios.plots.histories import sound_samples
 from scenarios.plots.style import BLACK, BLUE, LABEL_SIZE, SKY, VERMILION, ZERO, caption, finish, make_sheet, time_axis, y_label

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ident.maneuver_detection import AXES, Signals, active_share
+from ident.maneuver_detection import AXES, FlightSignals, active_share
 from sim.record import Record
 
 LONG = 120.0  # s, of all records together; a shorter one is a maneuver with its rest
@@ -19,7 +19,7 @@ def cruise_caution(records: Sequence[Record], name: str, opening: Sequence[str] 
     ``name`` : of the first file, for the command that finds the maneuvers in it; ``opening`` : the
     options that open it.
     """
-    signals = [Signals(each.time, {one.name: one.values for one in each.inputs if one.name in AXES}, {}) for each in records]
+    signals = [FlightSignals(each.time, {one.name: one.values for one in each.inputs if one.name in AXES}, {}) for each in records]
     spans = [float(each.time[-1] - each.time[0]) for each in records]
     if sum(spans) < LONG or not any(each.inputs for each in signals):
         return ""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.recording.dropouts import fill_value
+from ident.recording.missing_samples import fill_value
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME, split_header
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.formats.topic import Topic

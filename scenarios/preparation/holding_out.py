@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.statistics.robust import robust_sigma_about_zero
+from ident.statistics.noise_levels import robust_sigma_about_zero
 from scenarios.preparation.plan import MEASURED_MOTION
 from scenarios.preparation.plausibility import moves, why_unpredictable
 from sim.declaration.model import Model

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.statistics.robust import robust_sigma_about_zero
+from ident.statistics.noise_levels import robust_sigma_about_zero
 from scenarios.files.channel_names import STICK
 from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.model import Model

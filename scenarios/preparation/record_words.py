@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ident.recording.finding import Finding
+from ident.recording.series import RecordFinding
 from scenarios.pages.model import Column, Table
 from scenarios.preparation.recording import RawLook, Seen
 
@@ -64,7 +64,7 @@ def _content(one: Seen) -> dict[str, Any]:
     }
 
 
-def _when(finding: Finding) -> str:
+def _when(finding: RecordFinding) -> str:
     if not finding.times:
         return "throughout"
     return ", ".join(_span(finding.times[:SHOWN])) + (f" and {len(finding.times) - SHOWN} more" if len(finding.times) > SHOWN else "")

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.recording.finding import Certainty, Expectations, Finding, Kind
 from ident.recording.inspection import inspect
+from ident.recording.series import Certainty, Expectations, Kind, RecordFinding
 from scenarios.files.own_models import is_own
 from scenarios.preparation.plan import Plan
 from sim.declaration.effect import AIRSPEEDS
@@ -28,7 +28,7 @@ class Seen:
     """One finding in a record, by the record's name, and what was done about it."""
 
     record: str
-    finding: Finding
+    finding: RecordFinding
     done: str
     masked: int = 0
 
@@ -118,7 +118,7 @@ def _refuse_endless(record: Record) -> None:
         raise RecordError(told, where=f"{record.name}, column time", remedy=remedy)
 
 
-def _acted_on(record: Record, finding: Finding, plan: Plan) -> tuple[Record, Seen]:
+def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Record, Seen]:
     if finding.certainty is Certainty.CERTAIN and not plan.trusted:
         remedy = f"{finding.remedy} ({TRUST} takes it as it is)"
         raise RecordError(finding.sentence, where=f"{record.name}, {_place(finding)}", remedy=remedy)
@@ -146,7 +146,7 @@ def _with(record: Record, name: str, values: np.ndarray) -> Record:
     return replace(record, outputs=outputs)
 
 
-def _place(finding: Finding) -> str:
+def _place(finding: RecordFinding) -> str:
     return f"channels {finding.channel}" if " and " in finding.channel else f"channel {finding.channel}"
 
 

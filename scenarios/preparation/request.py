@@ -12,7 +12,7 @@ from scenarios.preparation.plan import Plan, options_of
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:  # a process that draws figures starts before these are loaded
-    from ident.flying_qualities.mode_levels import Flown
+    from ident.flying_qualities.levels import Flown
     from scenarios.files.channels import ColumnChoice
     from scenarios.files.measured.record_file import RecordFile
     from scenarios.files.own_models import OwnModel
@@ -56,7 +56,7 @@ def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
     ------
     DeclarationError : a class or category that there is not, or one asked of what is no aircraft.
     """
-    from ident.flying_qualities.mode_levels import flown_as
+    from ident.flying_qualities.levels import flown_as
     from scenarios.files.own_models import is_of_aircraft
 
     aircraft = vehicle.model != "ballistic" and (vehicle.own is None or is_of_aircraft(vehicle.own))

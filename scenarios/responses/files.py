@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.flying_qualities.handling_qualities import Level
+from ident.flying_qualities.levels import Level
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json, write_text

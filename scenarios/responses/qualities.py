@@ -7,16 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 
-from ident.flying_qualities.bandwidth import (
-    AttitudeCurve,
-    Bandwidth,
-    Quantity,
-    attitude_bandwidth,
-    attitude_curve,
-    dropback,
-)
+from ident.flying_qualities.bandwidth import AttitudeCurve, Bandwidth, BandwidthQuantity, attitude_bandwidth, attitude_curve, dropback
 from ident.flying_qualities.fitted_forms import form_levels, form_qualities
-from ident.flying_qualities.handling_qualities import CATEGORIES, CLASSES, Level, Quality
+from ident.flying_qualities.levels import CATEGORIES, CLASSES, Level, Quality
 from ident.frequency_response import FrequencyResponses
 from ident.frequency_response.transfer_function import FORMS
 from scenarios.responses.fitting import Fits, target_of
@@ -84,14 +77,14 @@ class Qualities:
     place: tuple[int, int]
     bandwidth: Bandwidth | None
     curve: AttitudeCurve | None
-    dropback: Quantity | None
+    dropback: BandwidthQuantity | None
     form: tuple[Quality, ...] = ()
     levels: tuple[Level, ...] = ()
 
     @property
-    def numbers(self) -> Mapping[str, tuple[Quantity, str]]:
+    def numbers(self) -> Mapping[str, tuple[BandwidthQuantity, str]]:
         """Quantities that are known, with their units."""
-        found: dict[str, tuple[Quantity | None, str]] = {}
+        found: dict[str, tuple[BandwidthQuantity | None, str]] = {}
         if self.bandwidth is not None:
             found |= {
                 "bandwidth": (self.bandwidth.bandwidth, "rad/s"),
@@ -101,7 +94,7 @@ class Qualities:
                 "phase_delay": (self.bandwidth.delay, "s"),
             }
         found["dropback"] = (self.dropback, "s")
-        found |= {each.name: (Quantity(each.value, each.std), each.unit) for each in self.form}
+        found |= {each.name: (BandwidthQuantity(each.value, each.std), each.unit) for each in self.form}
         return {name: (each, unit) for name, (each, unit) in found.items() if each is not None}
 
     @property

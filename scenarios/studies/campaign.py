@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ident.statistics.shares import clopper_pearson, clustered_share
+from ident.statistics.intervals import clopper_pearson, clustered_share
 from scenarios.files.declarations import closest
 from scenarios.studies.declaration import Estimation, Scenario
 from scenarios.studies.runs.work import ESTIMATE, SIGMA, SOUND, EstimatorRuns, Rebuilt

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from ident.estimate import Estimate
-from ident.flying_qualities.modal import MODAL_UNITS
+from ident.flying_qualities.modes import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.versions import versions
 from scenarios.studies.declaration import Start

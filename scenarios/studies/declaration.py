@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # scenarios are listed before NumPy is loaded
-    from ident.flying_qualities.mode_levels import Flown
+    from ident.flying_qualities.levels import Flown
     from scenarios.files.sources import InputFile
     from sim.declaration.model import Model
 
@@ -136,7 +136,7 @@ class Estimation:
     flown_noise_std : the same flight measured with sensors of this noise; empty takes the record as flown.
     flight : what was flown for this estimation alone, with its ``distance``; None takes the scenario's.
     choices : values of this estimation that no source gives.
-    engine : of an extended Kalman filter, a key of ``ident.banks.engines.ENGINES``; both give the same result to rounding.
+    engine : of an extended Kalman filter, a key of ``ident.banks.delays.ENGINES``; both give the same result to rounding.
     """
 
     name: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ident.banks.engines import ENGINES, SecondPass
+from ident.banks.delays import ENGINES, SecondPass
 from scenarios.studies.declaration import Estimation
 
 UNSCENTED = "filterpy UnscentedKalmanFilter"

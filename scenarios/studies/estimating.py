@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.banks.engines import ENGINES
+from ident.banks.delays import ENGINES
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
-from ident.filters.transition import Exponential, Taylor
+from ident.filters.one_record import Exponential, Taylor
 from scenarios.studies.declaration import Estimation, Flight, Scenario, Start
 from scenarios.studies.flying import STEPS
 from scenarios.studies.scenario_file.own import own_biases, own_declared
@@ -156,7 +156,8 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
     if estimation.method in ("ekf", "ukf"):
         estimate = _filtered(estimation, record, model)
     elif estimation.method == "output-error":
-        from ident.whole_record.output_error import FitSettings, fit_output_error
+        from ident.whole_record.layout import FitSettings
+        from ident.whole_record.output_error import fit_output_error
 
         estimate = fit_output_error([record], system, FitSettings(max_step=_longest_step(estimation), use_priors=estimation.use_priors))
     elif estimation.method == "filter-error":

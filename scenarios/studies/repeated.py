@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.statistics.shares import clustered_share
+from ident.statistics.intervals import clustered_share
 from scenarios.studies.declaration import Estimation, Scenario, Variation
 from scenarios.studies.estimating import assumed_noise, declared_model, estimate_record, flight_constants
 from scenarios.studies.flying import fly_scenario

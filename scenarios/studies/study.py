@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.flying_qualities.characteristics import characteristics
-from ident.flying_qualities.modal import modal_estimate
-from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
+from ident.flying_qualities.levels import ModeLevel, mode_levels
+from ident.flying_qualities.modes import characteristics, modal_estimate
 from ident.statistics.residuals import ResidualTest, residual_tests
 from scenarios.files.own_models import moves_about_rest
 from scenarios.studies.declaration import EMPTY, Estimation, Scenario, seen_by

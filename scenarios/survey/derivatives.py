@@ -8,11 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.pooling.conditioning import conditioned, without_one
-from ident.pooling.false_discovery import adjusted
-from ident.pooling.random_effects import Pooled, pooled
-from ident.pooling.standing_out import standing_out
-from ident.pooling.trend import Trend, trend
+from ident.pooling import Pooled, Trend, adjusted, conditioned, pooled, standing_out, trend, without_one
 from scenarios.survey.recurring import Recurring
 
 TOLD = 0.05  # rate of false discoveries among the trends, and among the derivatives said to differ

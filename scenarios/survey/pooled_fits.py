@@ -85,7 +85,7 @@ def fitted_sets(flight: Flight, names: Sequence[str], starts: Starts, own: Mappi
     ``own`` effects are beside every set of ``sets``; beside those of ``sets_without`` only what belongs to a flight by nature, as a gust: a flight
     alone may have named one thing for two that recur.
     """
-    from ident.statistics.coloured_covariance import effective_share
+    from ident.statistics.residual_spectrum import effective_share
     from ident.tracing.candidate_model.fitted_model import FitData
     from ident.tracing.spikes.masks import measured_masks
     from ident.whole_record.layout import FitSettings

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.pooling.random_effects import pooled
-from ident.pooling.recurrence import Evidence, Recurrence, recurrence
+from ident.pooling import Evidence, Recurrence, pooled, recurrence
 from scenarios.survey.candidates import Kept
 
 LIBRARY = 60  # effects that a search may name, for which the chance of a false recurrence is counted

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ident.pooling.trend import Trend
+from ident.pooling import Trend
 from scenarios.plots.formats import Formats
 from scenarios.survey.beside_own import recurring_beside_own
 from scenarios.survey.candidates import candidates, own_effects, starts_of

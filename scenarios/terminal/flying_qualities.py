@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-from ident.flying_qualities.mode_levels import STANDARD, WORST, Flown, ModeLevel
+from ident.flying_qualities.levels import STANDARD, WORST, Flown, ModeLevel
 from ident.statistics.residuals import ResidualTest
 
 LEAST = 0.01  # probability from which a level is named among several

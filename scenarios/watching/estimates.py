@@ -9,8 +9,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from ident.banks.delays import likelihood_weights
-from ident.banks.online import BankState, OnlineBank
-from ident.banks.other_starts import MEDIAN_SQUARE, moved_starts, spread_covariance
+from ident.banks.online import MEDIAN_SQUARE, BankState, OnlineBank, moved_starts, spread_covariance
 from ident.banks.relinearised import joint_estimate
 from ident.estimate import Estimate, Outcome
 from scenarios.identification.low_order import derived_of, mean_delay

@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, online_bank
-from ident.banks.other_starts import Ends, bank_of_starts, ends_of, moved_starts, spread_of
+from ident.banks.online import BankState, Ends, OnlineBank, Rows, advance, bank_of_starts, begin, ends_of, moved_starts, online_bank, spread_of
 from ident.banks.relinearised import Relinearised, along, due, linearise, on_a_grid_that_fits, told_enough, weighed
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import filter_system, less, noise_levels, trim_of

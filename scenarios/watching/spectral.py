@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from ident.flying_qualities.modal import modal_estimate
+from ident.flying_qualities.modes import modal_estimate
 from ident.frequency_domain.online import (
     OnlineEquations,
     OnlineEstimate,

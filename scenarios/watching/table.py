@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ident.estimate import Estimate
-from ident.statistics.differences import BEYOND
+from ident.statistics.residuals import BEYOND
 from scenarios.studies.comparison import DERIVED_UNITS
 from scenarios.terminal.numbers import number
 from scenarios.watching.reference import Reference

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.banks.delays import DelayBank
 from ident.estimate import Estimate
-from ident.flying_qualities.handling_qualities import UNITS, Level
+from ident.flying_qualities.levels import UNITS, Level
 from scenarios.files.versions import versions
 from scenarios.studies.comparison import SCHEMA
 from scenarios.studies.departures import choices_content

@@ -91,7 +91,7 @@ class LoopEstimation:
     window_start, window_stop : part of the record that is used, s.
     prior : P0 of the parameters: ``"quarter"`` of the start, or ``"printed"`` as in the paper's Tables 1 and 2.
     restarts : start the refined filter again from its own result until it settles, at most so often.
-    engine : who runs the filters, a key of ``ident.banks.engines.ENGINES``; the result is the same.
+    engine : who runs the filters, a key of ``ident.banks.delays.ENGINES``; the result is the same.
     """
 
     start: Mapping[str, float]

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.banks.bank import BankEstimate
-from ident.banks.delays import DELAYS, DelayBank, likelihood_weights, run_delay_bank
-from ident.banks.engines import BATCHED, ENGINES, BankEngine
+from ident.banks.delays import BATCHED, DELAYS, ENGINES, BankEngine, DelayBank, likelihood_weights, run_delay_bank
 from ident.estimate import Estimate, Outcome
 from ident.filters.smoother import smooth
-from ident.statistics.noise_envelope import noise_envelope
+from ident.statistics.noise_levels import noise_envelope
 from scenarios.identification.low_order_filter import ENGINEERING_STD, loes_filter_system
 from scenarios.x29.declaration import LoopEstimation
 from scenarios.x29.flying import Flown, low_order_model

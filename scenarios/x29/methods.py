@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ident.banks.bank import run_bank
+from ident.banks.bank import run_bank, run_iterated_bank
 from ident.banks.delays import DelayBank, vertex
-from ident.banks.iterated import run_iterated_bank
 from scenarios.x29.declaration import METHODS, LoopEstimation
 from scenarios.x29.estimating import Plain, SetUp, plain, refined
 from scenarios.x29.published import printed_density

@@ -10,8 +10,8 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from ident.flying_qualities.handling_qualities import UNITS as QUALITY_UNITS
-from ident.flying_qualities.handling_qualities import Level, Quality
+from ident.flying_qualities.levels import UNITS as QUALITY_UNITS
+from ident.flying_qualities.levels import Level, Quality
 from scenarios.studies.departures import choice_lines
 from scenarios.studies.engines import bank_line
 from scenarios.studies.text import print_choices

@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.banks.delays import DelayBank
-from ident.banks.engines import BATCHED, Agreement, SecondPass, against_filterpy, agreement
+from ident.banks.delays import BATCHED, Agreement, DelayBank, SecondPass, against_filterpy, agreement
 from ident.estimate import Estimate
-from ident.flying_qualities.handling_qualities import Level, Quality, levels, qualities
+from ident.flying_qualities.levels import Level, Quality, levels, qualities
 from ident.frequency_response.multitaper import estimate_response, fit_response
-from ident.statistics.differences import Comparison, compare_estimates
-from ident.statistics.residuals import ResidualTest, residual_tests
+from ident.statistics.residuals import Comparison, ResidualTest, compare_estimates, residual_tests
 from scenarios.studies.catalogue import load_document
 from scenarios.x29.declaration import LoopScenario
 from scenarios.x29.estimating import SETTLED, Plain, SetUp, free_simulation, plain, refined, set_up, started_again

@@ -27,7 +27,7 @@ def changes(file: str, tests: tuple[str, ...], *pairs: tuple[str, str]) -> tuple
 # Lines whose changes no test had noticed in version 0.2.0.
 ONCE_UNNOTICED = (
     *changes(
-        "ident/process_noise/filter_error_fit.py",
+        "ident/process_noise/best_start.py",
         FILTER_ERROR_START,
         ("fit.variance - noise**2", "fit.variance - noise"),
         ("fit.variance - noise**2", "fit.variance + noise**2"),
@@ -293,17 +293,17 @@ IDENT = (
         ("- h**2 / 12.0", "+ h**2 / 12.0"),
     ),
     *changes(
-        "ident/compatibility/noise.py",
+        "ident/compatibility/signals.py",
         ("tests/unit/ident/compatibility/test_noise.py",),
         ("middle**2 / 20.0", "middle**2 / 6.0"),
     ),
     *changes(
-        "ident/compatibility/faults.py",
+        "ident/compatibility/kinematics.py",
         ("tests/unit/ident/compatibility/six_degrees/test_check.py",),
         ("return 0.1 * self.plausible", "return self.plausible"),
     ),
     *changes(
-        "ident/recording/hum.py",
+        "ident/recording/distorted_channels.py",
         ("tests/unit/ident/recording/test_levels.py",),
         (
             "gain = (2.0 * math.sin(math.pi * at * step)) ** 2",
@@ -311,32 +311,32 @@ IDENT = (
         ),
     ),
     *changes(
-        "ident/recording/noise_level.py",
+        "ident/recording/series.py",
         ("tests/unit/ident/recording/test_levels.py",),
         ("loud[2 : len(local) + 2]", "loud[: len(local)]"),
     ),
     *changes(
-        "ident/recording/zero_steps.py",
+        "ident/recording/distorted_channels.py",
         ("tests/unit/ident/recording/test_levels.py",),
         ("np.arange(length) + 0.5", "np.arange(length) + 1.0"),
     ),
     *changes(
-        "ident/recording/dropouts.py",
+        "ident/recording/missing_samples.py",
         ("tests/unit/ident/recording/test_samples.py",),
         ("before * after > 0.0", "before * after < 0.0"),
     ),
     *changes(
-        "ident/recording/control.py",
+        "ident/recording/kinematic_relations.py",
         ("tests/unit/ident/recording/test_readings.py",),
         ("float(off @ off) / len(left) * lag", "float(off @ off) / len(left)"),
     ),
     *changes(
-        "ident/recording/time_base.py",
+        "ident/recording/inspection.py",
         ("tests/unit/ident/recording/test_readings.py",),
         ("abs(math.log2(best)) < GROSS", "math.log2(best) < GROSS"),
     ),
     *changes(
-        "ident/flying_qualities/characteristics.py",
+        "ident/flying_qualities/modes.py",
         ("tests/unit/ident/flying_qualities/test_mode_levels.py",),
         ("float(-(one + other).real)", "float((one + other).real)"),
         ("/ gravity * q / alpha", "/ G0 * q / alpha"),
@@ -390,7 +390,7 @@ IDENT = (
         ("np.abs(between) ** 2", "np.abs(between)"),
     ),
     *changes(
-        "ident/flying_qualities/modal.py",
+        "ident/flying_qualities/modes.py",
         ("tests/unit/ident/flying_qualities/test_mode_levels.py",),
         ("/ (2.0 * step)", "/ step"),
     ),
@@ -433,47 +433,47 @@ IDENT = (
         ("8.0 * gain + 2.0 * own", "4.0 * gain + 2.0 * own"),
     ),
     *changes(
-        "ident/pooling/conditioning.py",
-        ("tests/unit/ident/pooling/test_pooling.py",),
+        "ident/pooling.py",
+        ("tests/unit/ident/test_pooling.py",),
         ("left = covariance - gain @", "left = covariance - 0.5 * gain @"),
     ),
     *changes(
-        "ident/pooling/false_discovery.py",
-        ("tests/unit/ident/pooling/test_pooling.py",),
+        "ident/pooling.py",
+        ("tests/unit/ident/test_pooling.py",),
         ("np.minimum.accumulate(raised[::-1])[::-1]", "np.minimum.accumulate(raised)"),
     ),
     *changes(
-        "ident/pooling/random_effects.py",
-        ("tests/unit/ident/pooling/test_pooling.py",),
+        "ident/pooling.py",
+        ("tests/unit/ident/test_pooling.py",),
         ("factor = max(1.0, float(", "factor = max(0.0, float("),
     ),
     *changes(
-        "ident/pooling/recurrence.py",
-        ("tests/unit/ident/pooling/test_pooling.py",),
+        "ident/pooling.py",
+        ("tests/unit/ident/test_pooling.py",),
         ("0.5 * squared + 0.5 * shrunk", "0.5 * squared + shrunk"),
     ),
     *changes(
-        "ident/pooling/standing_out.py",
-        ("tests/unit/ident/pooling/test_pooling.py",),
+        "ident/pooling.py",
+        ("tests/unit/ident/test_pooling.py",),
         ("spread**2 - float(np.median(sigmas)) ** 2", "spread**2"),
     ),
     *changes(
-        "ident/pooling/trend.py",
-        ("tests/unit/ident/pooling/test_pooling.py",),
+        "ident/pooling.py",
+        ("tests/unit/ident/test_pooling.py",),
         ("float(weight @ left**2) / (n - 2)", "float(weight @ left**2) / n"),
     ),
     *changes(
-        "ident/statistics/shares.py",
+        "ident/statistics/intervals.py",
         ("tests/unit/ident/statistics/test_shares.py",),
         ("betaincinv(count, of - count + 1, tail)", "betaincinv(count, of - count, tail)"),
     ),
     *changes(
-        "ident/statistics/local_level.py",
+        "ident/statistics/noise_levels.py",
         ("tests/unit/ident/statistics/test_local_level.py",),
         ("4: 70.0", "4: 20.0"),
     ),
     *changes(
-        "ident/statistics/chi_square.py",
+        "ident/statistics/intervals.py",
         ("tests/unit/ident/statistics/test_chi_square.py",),
         ("degrees, tail = count - 1", "degrees, tail = count"),
     ),
@@ -483,7 +483,7 @@ IDENT = (
         ("n * (n + 2) * np.sum", "n * n * np.sum"),
     ),
     *changes(
-        "ident/statistics/differences.py",
+        "ident/statistics/residuals.py",
         ("tests/unit/ident/statistics/test_compare.py",),
         ("z, abs(z) > limit", "z, z > limit"),
     ),
@@ -504,12 +504,12 @@ IDENT = (
         ("np.minimum(own, variance)", "np.maximum(own, variance)"),
     ),
     *changes(
-        "ident/filters/transition.py",
+        "ident/filters/one_record.py",
         ("tests/unit/ident/filters/test_transition.py",),
         ("dt ** (i + j + 1) / (i + j + 1)", "dt ** (i + j + 1)"),
     ),
     *changes(
-        "ident/regression/local_polynomial.py",
+        "ident/regression/state_histories.py",
         ("tests/unit/ident/regression/test_local_polynomial.py",),
         ("np.maximum(1.0 - own, 1e-6)", "1.0"),
         ("2.0 * (width - 1) * float(", "20.0 * (width - 1) * float("),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.result import CompatibilitySettings
+from ident.compatibility.trials import CompatibilitySettings
 from sim.record import Channel, Record
 from tests.oracles import undeclared_flights as flights
 from tests.oracles.flight_path import Sensors

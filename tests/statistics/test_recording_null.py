@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.recording.finding import Certainty, Expectations, Kind
 from ident.recording.inspection import inspect
+from ident.recording.series import Certainty, Expectations, Kind
 from sim.record import Record
 from tests.recorded_flight import SIGMAS, Aircraft, drawn, fall, flight, rounded
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.faults import BIAS, SensorFault
-from ident.compatibility.result import Compatibility, CompatibilitySettings
-from ident.compatibility.six_degrees.channels import ready, recorded
-from ident.compatibility.six_degrees.unknowns import faults_of, unknowns_of
+from ident.compatibility.kinematics import BIAS, SensorFault
+from ident.compatibility.six_degrees.kinematics import faults_of, ready, recorded, unknowns_of
+from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from tests.oracles.six_degrees import LATERAL, SPEED, WHOLE, Faults, fly, shown
 from tests.unit.ident.compatibility.six_degrees.planting import planted, size_of
 

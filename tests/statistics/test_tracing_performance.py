@@ -10,7 +10,7 @@ from exam.detection import SETTINGS, WEAK, Finding, clean_run, weak_run, weak_se
 from exam.random_cases.examination import examine
 from exam.random_cases.summary import summary
 from exam.scoring import share_within_flights
-from ident.statistics.shares import clopper_pearson
+from ident.statistics.intervals import clopper_pearson
 
 RUNS = 200  # clean records over all settings
 CLEAN_RUNS = 70  # of seven models

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from ident.flying_qualities.handling_qualities import qualities
+from ident.flying_qualities.levels import qualities
 from scenarios.files.vehicles import VehicleFile
 from scenarios.watching.estimates import SoFar, likely_estimate, plain_so_far, so_far
 from scenarios.watching.session import STARTED, Session, take

@@ -14,7 +14,7 @@ import numpy as np
 from flightid.labs.workings.trying import KEPT
 
 if TYPE_CHECKING:
-    from ident.flying_qualities.handling_qualities import Level, Quality
+    from ident.flying_qualities.levels import Level, Quality
     from scenarios.identification.result import Identification
     from scenarios.x29.flying import Flown
     from sim.closed_loop.linear import EquivalentSystem
@@ -60,7 +60,7 @@ def vehicle_text(flown: Flown) -> str:
 @lru_cache(KEPT)
 def study(asked: tuple[str, ...], seed: int = 1) -> Augmented:
     """Fly the loop, and identify its record as ``flightid identify --model loes`` does. Errors as these."""
-    from ident.flying_qualities.handling_qualities import levels, qualities
+    from ident.flying_qualities.levels import levels, qualities
     from scenarios.x29.flying import fly_loop
     from scenarios.x29.study import loop_scenario
     from sim.closed_loop.linear import equivalent_system

@@ -1,28 +1,231 @@
-"""Data compatibility in six degrees of freedom of records of one set of sensors."""
+"""Data compatibility in six degrees of freedom: biases, findings and the check of a set of records."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ident.compatibility.faults import BOOM, PACKAGE, SensorFault
-from ident.compatibility.fitting import Fit
-from ident.compatibility.instruments import instruments_of
-from ident.compatibility.noise import smoothed_walk
-from ident.compatibility.observability import untold
-from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate, SensorFinding
-from ident.compatibility.signals import Signals
-from ident.compatibility.six_degrees.biases import bias_estimates, bias_findings
-from ident.compatibility.six_degrees.channels import BEYOND, ready, recorded, relations
-from ident.compatibility.six_degrees.findings import by_itself, drift_of, estimates_and_findings, late
-from ident.compatibility.six_degrees.fitting import fit
-from ident.compatibility.six_degrees.level_wings import LEVEL
-from ident.compatibility.six_degrees.search import Searched, search
-from ident.compatibility.six_degrees.selection import clocks
-from ident.compatibility.six_degrees.unknowns import faults_of
+from ident.compatibility.fault_sets import chance_of, charge_of, probabilities, same_lateness
+from ident.compatibility.fitting import KinematicFit, difference_in_sigmas, untold
+from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
+from ident.compatibility.signals import KinematicSignals, instruments_of, smoothed_walk, weigher, whitener
+from ident.compatibility.six_degrees.fitting import Linear, NormalEquations, added, by_output_error, coloured, fit, linear, output_error_gram
+from ident.compatibility.six_degrees.kinematics import BEYOND, LEVEL, faults_of, ready, recorded, relations, unknowns_of
+from ident.compatibility.six_degrees.search import SECANT, SixDegreeSearch, alike, clocks, fitted, search
+from ident.compatibility.trials import (
+    CheckResult,
+    Compatibility,
+    CompatibilitySettings,
+    FaultQuantity,
+    Reconstruction,
+    SensorEstimate,
+    SensorFinding,
+    p_value,
+)
+from ident.statistics.information import bounded_inverse
 from sim.record import Record
+
+# ---- Biases of each record by both methods
+
+
+def bias_estimates(found: KinematicFit, r: int) -> tuple[SensorEstimate, ...]:
+    """The biases of one record of a fit, the faults of which have their values."""
+    s, own = found.signals[r], found.own[r]
+    unknowns, n = unknowns_of(s), len(own)
+    prior = np.array([item.prior**-2 for item in unknowns] + [0.0] * len(found.faults))
+    slopes = np.where(s.valid[:, :, None], found.jacobians[r], 0.0)
+    white = weigher(s, found.noise)(slopes)
+    left = whitener(s, found.noise)(found.residuals[r][:, :, None])[:, :, 0]
+    flat = white.reshape(-1, white.shape[2])
+    inverse = bounded_inverse(flat.T @ flat + np.diag(prior))
+    scatter = sum(coloured(white[i], left[i]) for i in range(len(left))) + np.diag(prior)
+    wide = np.maximum(np.diag(inverse @ scatter @ inverse), np.diag(inverse))
+    gram, gradient, spread = output_error_gram(s, found, r, np.concatenate([slopes, found.residuals[r][:, :, None]], axis=2))
+    gradient[:n] -= prior[:n] * own
+    other = bounded_inverse(gram + np.diag(prior))
+    step, other_variance = other @ gradient, np.diag(other @ (spread + np.diag(prior)) @ other)
+    out = []
+    for i, item in enumerate(unknowns):
+        if item.key[1] == BIAS:
+            fault = SensorFault(item.key[0], BIAS)
+            value, variance = float(own[i]), float(wide[i])
+            by_other, its_variance = float(own[i] + step[i]), max(float(other_variance[i]), variance)
+            told = 0.0 < variance < fault.plausible**2
+            apart = difference_in_sigmas(by_other, its_variance, value, variance) if told else 0.0
+            gain = 0.5 * value**2 / variance if variance > 0 else 0.0
+            quantities = FaultQuantity(by_other, math.sqrt(its_variance)), FaultQuantity(value, math.sqrt(variance))
+            out.append(SensorEstimate(fault.name, fault.channel, BIAS, fault.unit, *quantities, apart, gain, p_value(gain, value, fault), told))
+    return tuple(out)
+
+
+def bias_findings(lines: Linear, r: int, estimates: Sequence[SensorEstimate], false_alarm: float) -> tuple[SensorFinding, ...]:
+    """Biases of record r that are worth a word and beyond chance, the share of false alarms over all of them together; each with the faults
+    that would do as well in its place."""
+    out = []
+    for item in estimates:
+        fault, size = SensorFault(item.channel, BIAS), item.smoother
+        # Beyond what is worth a word too: the earth turns and is round, and gravity lessens with height.
+        excess = max(abs(size.value) - fault.worth, 0.0)
+        p = p_value(0.5 * (excess / size.std) ** 2, excess, fault)
+        if item.told and item.agrees and p * len(estimates) < false_alarm:
+            group = instead_of(lines, r, item.channel, false_alarm)
+            out.append(SensorFinding(item.channel, BIAS, size.value, size.std, item.unit, item.gain, True, group, item.name))
+    return tuple(out)
+
+
+def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple[str, ...]:
+    """Faults beside those that stand which leave no more than chance of what record r has for the bias of a channel, that bias being zero."""
+    information, gradient = lines.whole[r]
+    own, faults = lines.found.own[r], lines.faults
+    n, b = len(own), [item.key for item in unknowns_of(lines.found.signals[r])].index((channel, BIAS))
+    members = [n + faults.index(fault) for fault in lines.found.faults]
+    best, _, _ = _least([*range(n), *members], information, gradient)
+    # The bias held at zero: a step of minus its value.
+    rest, held = [*(i for i in range(n) if i != b), *members], gradient + information[:, b] * own[b]
+    spent = gradient[b] * own[b] + 0.5 * information[b, b] * own[b] ** 2
+    losses = []
+    for j, fault in enumerate(faults):
+        if n + j not in members and information[n + j, n + j] > 0:
+            gain, size, variance = _least([*rest, n + j], information, held)
+            possible = fault.worth < abs(size) < fault.largest and (size > 0 or not fault.one_sided)
+            if possible and variance < fault.plausible**2:
+                losses.append((best - gain + spent, fault.name))
+    chance = chance_of(false_alarm, len(faults))
+    return tuple(name for loss, name in sorted(losses) if loss <= chance)
+
+
+def _least(free: Sequence[int], information: np.ndarray, gradient: np.ndarray) -> tuple[float, float, float]:
+    """Gain of least squares over some unknowns, and value and variance of the last of them."""
+    inverse = bounded_inverse(information[np.ix_(free, free)])
+    values = inverse @ gradient[list(free)]
+    return 0.5 * float(values @ gradient[list(free)]), float(values[-1]), float(inverse[-1, -1])
+
+
+# ---- Every fault by both methods beside what a search has found
+
+
+def estimates_and_findings(found: SixDegreeSearch) -> tuple[tuple[SensorEstimate, ...], tuple[SensorFinding, ...]]:
+    """Every fault by both methods, and the findings, those that stand first."""
+    lines, faults = found.lines, found.lines.faults
+    stood = _stood(found)
+    by_other = added(found.output_error)
+    estimates: dict[int, SensorEstimate] = {}
+    lost: dict[int, float | None] = {}
+    for j in found.common:
+        context, lost[j] = _context(found, j, stood)
+        estimates[j] = _estimate(lines.joint, by_other, faults, context, j)
+    findings, said = [], set()
+    for group in found.groups:
+        names = [faults[j].name for j, _ in group]
+        shares = probabilities([(faults[j], estimates[j].smoother, loss) for j, loss in group])
+        for j, loss in group:
+            if j not in said and stood[j][0] == group[0][0]:
+                others = tuple(name for name in names if name != faults[j].name)
+                findings.append(replace(_finding(estimates[j], faults[j], others, loss, stands=True), probabilities=shares))
+                said.add(j)
+    rest = sorted((j for j in found.common if j not in said), key=lambda j: estimates[j].p_value)
+    findings += [replace(_finding(estimates[j], faults[j], (), lost[j], stands=False), replicates=j not in found.refused) for j in rest]
+    return tuple(estimates.values()), tuple(findings)
+
+
+def _stood(found: SixDegreeSearch) -> dict[int, tuple[int, float]]:
+    """For each fault that stands, or would in its place, the one that stands and what is lost; of two such places the first."""
+    stood = {j: (i, lost) for i, group in reversed(list(zip(found.standing, found.groups, strict=True))) for j, lost in group}
+    return stood | {i: (i, 0.0) for i in found.standing}
+
+
+def _context(found: SixDegreeSearch, j: int, stood: dict[int, tuple[int, float]]) -> tuple[list[int], float | None]:
+    """The set in which a fault is judged, itself last: in the place of what it could stand for, else beside all; and what is lost in place."""
+    faults = found.lines.faults
+    in_place = [
+        (i, (found.lines.joint, [*(k for k in found.standing if k != i), j]))
+        for i in found.standing
+        if j in (member for member, _ in found.groups[found.standing.index(i)]) or same_lateness(faults[i], faults[j])
+    ]
+    if j in stood:
+        return [*(k for k in found.standing if k != stood[j][0] and k != j), j], stood[j][1]
+    if in_place:
+        i, (_, members) = in_place[0]
+        if (i, j) in found.lateness:
+            return members, max(found.lateness[i, j], 0.0) / found.widening
+        pair = fitted(found.lines.joint, faults, np.array([[*members[:-1], i], members]), early=False)
+        return members, float(pair.gain[0] - pair.gain[1]) / found.widening
+    return [*found.standing, j], None
+
+
+def _estimate(
+    smoother: NormalEquations, output_error: NormalEquations, faults: Sequence[SensorFault], context: Sequence[int], j: int
+) -> SensorEstimate:
+    fault, members = faults[j], np.array([context])
+    one = fitted(smoother, faults, members, early=False)
+    less = fitted(smoother, faults, members[:, :-1], early=False)
+    other = fitted(output_error, faults, members, early=False)
+    size, variance = float(one.sizes[0, -1]), float(one.variances[0, -1])
+    told = 0.0 < variance < fault.plausible**2 and smoother.information[j, j] > 0
+    wide = float(one.widening[0, -1])
+    own = max(_sandwich(output_error, context), 0.0) * wide
+    gain = max(float(one.gain[0] - less.gain[0]), 0.0) / wide
+    by_other = float(np.clip(other.sizes[0, -1], -fault.largest, fault.largest))
+    size = float(np.clip(size, -fault.largest, fault.largest))
+    apart = difference_in_sigmas(by_other, own, size, variance) if told else 0.0
+    quantities = FaultQuantity(by_other + fault.offset, math.sqrt(own)), FaultQuantity(size + fault.offset, math.sqrt(max(variance, 0.0)))
+    return SensorEstimate(fault.name, fault.channel, fault.kind, fault.unit, *quantities, apart, gain, p_value(gain, size, fault), told)
+
+
+def _sandwich(normal: NormalEquations, context: Sequence[int]) -> float:
+    """Variance of the last of a set from the scatter of the gradient."""
+    at = np.ix_(context, context)
+    diagonal = np.diag(normal.information[at])
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    inverse = np.linalg.inv(normal.information[at] * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))) * np.outer(scale, scale)
+    return float(inverse[-1] @ normal.scatter[at] @ inverse[-1])
+
+
+def _finding(item: SensorEstimate, fault: SensorFault, group: tuple[str, ...], lost: float | None, *, stands: bool) -> SensorFinding:
+    size = item.smoother
+    return SensorFinding(fault.channel, fault.kind, size.value, size.std, fault.unit, item.gain, stands, group, fault.name, True, lost)
+
+
+def by_itself(found: SixDegreeSearch, r: int) -> tuple[SensorEstimate, ...]:
+    """Every fault by one record of several, beside the same others as in all."""
+    lines = found.lines
+    stood = _stood(found)
+    one, other = lines.smoother[r], found.output_error[r]
+    return tuple(_estimate(one, other, lines.faults, _context(found, j, stood)[0], j) for j in found.common)
+
+
+def drift_of(found: SixDegreeSearch, r: int, false_alarm: float) -> tuple[SensorFinding, ...]:
+    """The drift that one record of several has, if any, beside all that stands, which this record is asked again for; ``false_alarm``: its own."""
+    lines, faults, members = found.lines, found.lines.faults, found.standing
+    drifts = [j for j, fault in enumerate(faults) if fault.kind == DRIFT]
+    # Without the colour that the drift itself makes, to begin with.
+    sets = fitted(replace(lines.smoother[r], scatter=lines.smoother[r].information), faults, np.array([[*members, j] for j in drifts]), early=False)
+    j = drifts[int(np.argmax(np.where(sets.sound, sets.gain, 0.0)))]
+    charge = charge_of(false_alarm, len(drifts))
+    if float(np.max(np.where(sets.sound, sets.gain, 0.0))) - _gain_of(lines.smoother[r], faults, members) < charge:
+        return ()
+    begin = replace(lines.found, signals=(lines.found.signals[r],), own=(lines.found.own[r],))
+    beside = linear(fit(begin.signals, [faults[i] for i in (*members, j)], begin), faults, np.full(len(faults), SECANT))
+    item = _estimate(beside.joint, by_output_error(beside, 0), faults, [*members, j], j)
+    if not item.told or item.gain < charge or abs(item.smoother.value) < faults[j].worth:
+        return ()
+    rivals = alike(beside, (*members, j), j, chance_of(false_alarm, len(drifts)), drifts)
+    return (_finding(item, faults[j], tuple(faults[k].name for k in rivals), 0.0, stands=True),)
+
+
+def _gain_of(normal: NormalEquations, faults: Sequence[SensorFault], members: Sequence[int]) -> float:
+    return float(fitted(normal, faults, np.array([members], dtype=int).reshape(1, -1), early=False).gain[0])
+
+
+def late(faults: Sequence[SensorFault]) -> set[str]:
+    """Channels that some of these faults make late."""
+    return {fault.channel for fault in faults if fault.kind in (DELAY, LAG)}
+
+
+# ---- Data compatibility in six degrees of freedom of records of one set of sensors
 
 STEADY_WIND = "a steady wind along the ground leaves no trace: no channel is measured against the ground"
 
@@ -82,14 +285,14 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
     return Compatibility(channels, joined, joint, single, _reconstructions(base, final), told, tuple(notes))
 
 
-def _of_one(found: Searched, r: int, biases: Sequence[SensorEstimate], false_alarm: float, count: int) -> tuple[SensorFinding, ...]:
+def _of_one(found: SixDegreeSearch, r: int, biases: Sequence[SensorEstimate], false_alarm: float, count: int) -> tuple[SensorFinding, ...]:
     """Biases and the drift of one record of several."""
     drift = drift_of(found, r, false_alarm / count)
     drifts = {finding.name for finding in drift}
     return (*(bias for bias in bias_findings(found.lines, r, biases, false_alarm) if not drifts.intersection(bias.group)), *drift)
 
 
-def _notes(found: Searched, signals: Sequence[Signals]) -> list[str]:
+def _notes(found: SixDegreeSearch, signals: Sequence[KinematicSignals]) -> list[str]:
     out = []
     if found.early is not None:
         channel, ahead = found.early
@@ -104,7 +307,7 @@ def _notes(found: Searched, signals: Sequence[Signals]) -> list[str]:
     return out
 
 
-def _untold(found: Searched, s: Signals) -> tuple[str, ...]:
+def _untold(found: SixDegreeSearch, s: KinematicSignals) -> tuple[str, ...]:
     faults = (*found.lines.faults, *found.lines.biases)
     size = np.array([fault.plausible for fault in faults])
     several = [name for name in (PACKAGE, BOOM) if _has_fault(name, faults)]
@@ -121,7 +324,7 @@ def _unreached(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> t
     return tuple(f"{name}: nothing can be told, no relation that these channels close has it" for name in channels if name not in reached)
 
 
-def _reconstructions(base: Fit, final: Fit) -> tuple[Reconstruction, ...]:
+def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstruction, ...]:
     out = []
     for s, plain, y, residual in zip(final.signals, base.outputs, final.outputs, final.residuals, strict=True):
         smooth = y + smoothed_walk(s, final.noise, residual)

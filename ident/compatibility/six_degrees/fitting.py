@@ -1,19 +1,156 @@
-"""Fits of the kinematics of six degrees of freedom: Gauss-Newton in the metric of the noise, whose variances are settled in between."""
+"""Fits of the kinematics of six degrees of freedom, in full and to first order, and their noise.
+
+Times are linearised by secants: at zero a lag is a delay.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from ident.compatibility.faults import SensorFault
-from ident.compatibility.fitting import Fit, misfit, residual_of
-from ident.compatibility.instruments import Weigher, instrumented, shortened
-from ident.compatibility.noise import NoiseModel, whitener
-from ident.compatibility.signals import Signals
-from ident.compatibility.six_degrees.noise import first_noise, settled_noise
-from ident.compatibility.six_degrees.unknowns import evaluate, linearised, start_of, unknowns_of
+from ident.compatibility.fitting import KinematicFit, misfit, residual_of
+from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault
+from ident.compatibility.signals import (
+    KinematicSignals,
+    RelationNoise,
+    Weigher,
+    differences,
+    floors,
+    inputs_of,
+    instrumented,
+    part_of_controls,
+    roughness,
+    shortened,
+    walk_gains,
+    weigher,
+    whitener,
+)
+from ident.compatibility.six_degrees.kinematics import evaluate, linearised, start_of, unknowns_of
 from ident.statistics.information import bounded_inverse
+from ident.statistics.residual_spectrum import autocovariance
+
+# ---- Variances of white noise and walk
+
+_RATIOS = np.logspace(-6.0, 4.0, 21)  # walk over one second squared to white variance, times the step: the whole range there can be
+_ALIKE = 1e-10
+_LEAST = 0.1  # of what a channel's roughness says: no walk is smaller than its inputs' own noise by more
+_BELOW, _ABOVE = 0.5, 3.0  # standard deviations of the walk's logarithm about that: noise of the inputs adds, and more may come on top
+
+
+def inputs_among(s: KinematicSignals) -> tuple[str, ...]:
+    """Channels whose noise walks in some output: those of which each output's relation is an integral."""
+    return tuple(dict.fromkeys(name for output in s.outputs for name in inputs_of(output) if name in s.channels))
+
+
+def first_noise(signals: Sequence[KinematicSignals]) -> RelationNoise:
+    """A start from the roughness of the channels."""
+    outputs, inputs = signals[0].outputs, inputs_among(signals[0])
+    rough = [float(np.mean([roughness(s.channels[name]) for s in signals])) for name in (*outputs, *inputs)]
+    return RelationNoise(outputs, inputs, np.array(rough[: len(outputs)]), np.array(rough[len(outputs) :]))
+
+
+def settled_noise(
+    signals: Sequence[KinematicSignals], residuals: Sequence[np.ndarray], columns: Sequence[np.ndarray], begun: RelationNoise
+) -> RelationNoise:
+    """Variances of greatest restricted likelihood, each output by itself.
+
+    residuals ``(m, N)`` and sensitivities ``(m, N, c)`` to what was fitted, of each record. The walk of an output is laid to its inputs: those
+    that another output shows by itself keep that value, the first other one has the rest.
+    """
+    white, walk = np.empty(len(begun.outputs)), np.empty(len(begun.outputs))
+    gains = np.mean([walk_gains(s, begun) for s in signals], axis=0)
+    for i in range(len(begun.outputs)):
+        white[i], walk[i] = _of_output(i, signals, residuals, columns, begun.white[i], float(gains[i] ** 2 @ begun.density))
+    density, alone = begun.density.copy(), np.count_nonzero(gains, axis=1) == 1
+    known: set[int] = set()
+    for i in np.flatnonzero(alone).tolist():
+        j = int(np.flatnonzero(gains[i])[0])
+        density[j] = walk[i] / gains[i, j] ** 2
+        known.add(j)
+    for i in np.flatnonzero(~alone).tolist():
+        free = [j for j in np.flatnonzero(gains[i]) if j not in known]
+        rest = walk[i] - sum(gains[i, j] ** 2 * density[j] for j in np.flatnonzero(gains[i]) if j in known)
+        if free:
+            # The load's noise walks least of all: what is left beyond a rate's is shared as the channels are rough.
+            share = gains[i, free] ** 2 * begun.density[free]
+            density[free] = np.maximum(rest / float(share.sum()), _LEAST) * begun.density[free]
+        elif rest > 0:
+            factor = walk[i] / (walk[i] - rest)
+            density[np.flatnonzero(gains[i])] *= factor
+    # A record cannot show less noise than its columns resolve.
+    white, density = np.maximum(white, floors(signals, begun.outputs)), np.maximum(density, floors(signals, begun.inputs))
+    return RelationNoise(begun.outputs, begun.inputs, white, density)
+
+
+def _of_output(
+    i: int, signals: Sequence[KinematicSignals], residuals: Sequence[np.ndarray], columns: Sequence[np.ndarray], rough: float, expected: float
+) -> tuple[float, float]:
+    """White variance and walk variance over one second, of one output of all records; what its inputs' roughness makes is ``expected``."""
+    parts = []
+    for s, residual, slopes in zip(signals, residuals, columns, strict=True):
+        basis = _spanned(np.where(s.valid[i][:, None], slopes[i], 0.0))
+        flat = differences(np.concatenate([residual[i][None, :, None], basis[None]], axis=2))
+        parts.append((s, s.valid[i], np.asfortranarray(flat)))
+    count = sum(int(np.count_nonzero(valid)) - flat.shape[1] + 1 for _, valid, flat in parts)
+    if count < 5:
+        return rough, expected
+    step = float(np.median(np.concatenate([s.steps for s, _, _ in parts])))
+
+    def cost(ratio: float) -> float:
+        likelihood, variance = _cost(parts, count, ratio)
+        away = math.log(ratio * variance / expected)
+        return likelihood + 0.5 * (away / (_BELOW if away < 0 else _ABOVE)) ** 2
+
+    ratios = _RATIOS / step**2
+    best = int(np.argmin([cost(ratio) for ratio in ratios.tolist()]))
+    low, high = math.log(ratios[max(best - 1, 0)]), math.log(ratios[min(best + 1, len(ratios) - 1)])
+    for _ in range(12):
+        one, two = low + 0.382 * (high - low), low + 0.618 * (high - low)
+        if cost(math.exp(one)) < cost(math.exp(two)):
+            high = two
+        else:
+            low = one
+    ratio = math.exp(0.5 * (low + high))
+    white = max(_cost(parts, count, ratio)[1], 1e-3 * rough, 1e-20)
+    return white, max(ratio * white, _LEAST * expected)
+
+
+def _cost(parts: Sequence[tuple[KinematicSignals, np.ndarray, np.ndarray]], count: int, ratio: float) -> tuple[float, float]:
+    """Minus the restricted log likelihood at a ratio of walk to white variance, and the white variance that is best there."""
+    from scipy.linalg.lapack import dpbtrf, dtbtrs
+
+    squares = logs = 0.0
+    for s, valid, flat in parts:
+        own = np.where(valid, 1.0, 1e8)
+        band = np.zeros((2, len(own)))
+        band[0] = own
+        band[0, 1:] += own[:-1] + ratio * s.steps**2
+        band[1, :-1] = -own[:-1]
+        factor, fault = dpbtrf(band, lower=1)
+        if fault:
+            return math.inf, 1.0
+        white = dtbtrs(factor, flat, uplo="L")[0]
+        e, q = white[:, 0], white[:, 1:]
+        gram, right = q.T @ q, q.T @ e
+        squares += float(e @ e) - float(right @ np.linalg.solve(gram, right))
+        logs += 2.0 * float(np.sum(np.log(factor[0]))) + float(np.linalg.slogdet(gram)[1]) - 18.42 * float(np.count_nonzero(~valid))
+    variance = max(squares / count, 1e-30)
+    return 0.5 * (count * math.log(variance) + logs), variance
+
+
+def _spanned(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal columns that span what columns ``(N, c)`` span."""
+    scale = np.linalg.norm(columns, axis=0)
+    columns = columns[:, scale > 0] / scale[scale > 0]
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    told = values > _ALIKE * max(float(values[-1]), 1e-300) if len(values) else values > 0
+    return np.asarray(columns @ (vectors[:, told] / np.sqrt(values[told])))
+
+
+# ---- Fits of the kinematics of six degrees of freedom
 
 _PASSES = 4
 _STEPS = 4
@@ -21,7 +158,7 @@ _SMALL = 2e-3  # twice the gain of a step that is not worth taking
 _SETTLED = 0.05  # change of the logarithm of a variance
 
 
-def fit(signals: Sequence[Signals], faults: Sequence[SensorFault] = (), begin: Fit | None = None) -> Fit:
+def fit(signals: Sequence[KinematicSignals], faults: Sequence[SensorFault] = (), begin: KinematicFit | None = None) -> KinematicFit:
     """Fit of R records with some faults; ``begin`` gives starts for all that it has, and the noise."""
     unknowns = [unknowns_of(s) for s in signals]
     own = [np.array(begin.own[r]) if begin is not None else start_of(s, unknowns[r]) for r, s in enumerate(signals)]
@@ -41,10 +178,10 @@ def fit(signals: Sequence[Signals], faults: Sequence[SensorFault] = (), begin: F
     whiteners = [shortened(s, noise) for s in signals]
     cost = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
     slopes, outputs = tuple(slope for _, slope in lines), tuple(y for y, _ in lines)
-    return Fit(tuple(signals), tuple(faults), sizes, tuple(own), noise, cost, tuple(residuals), slopes, outputs)
+    return KinematicFit(tuple(signals), tuple(faults), sizes, tuple(own), noise, cost, tuple(residuals), slopes, outputs)
 
 
-def likelihoods(fits: Sequence[Fit]) -> np.ndarray:
+def likelihoods(fits: Sequence[KinematicFit]) -> np.ndarray:
     """Minus the log likelihood of each of some fits of the same records, but for a constant; with instruments half their misfit's projection, all
     under the noise of the likeliest."""
     whole = np.array([each.cost + 0.5 * sum(whitener(s, each.noise).log_determinant for s in each.signals) for each in fits])
@@ -54,7 +191,7 @@ def likelihoods(fits: Sequence[Fit]) -> np.ndarray:
     return np.array([_least_misfit(each, whiteners) for each in fits])
 
 
-def _least_misfit(found: Fit, whiteners: Sequence[Weigher]) -> float:
+def _least_misfit(found: KinematicFit, whiteners: Sequence[Weigher]) -> float:
     """Half the sum of squares that the unknowns of a fit leave under another noise, priors included; to first order."""
     priors = [np.array([item.prior**-2 for item in unknowns_of(s)]) for s in found.signals]
     lines = list(zip(found.outputs, found.jacobians, strict=True))
@@ -63,13 +200,13 @@ def _least_misfit(found: Fit, whiteners: Sequence[Weigher]) -> float:
 
 
 def _descended(
-    signals: Sequence[Signals],
+    signals: Sequence[KinematicSignals],
     faults: Sequence[SensorFault],
     priors: Sequence[np.ndarray],
     own: list[np.ndarray],
     sizes: np.ndarray,
     lines: list[tuple[np.ndarray, np.ndarray]],
-    noise: NoiseModel,
+    noise: RelationNoise,
 ) -> tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
     """Unknowns and sizes of least squares under a given noise, and the lines there."""
     unknowns, largest = [unknowns_of(s) for s in signals], np.array([fault.largest for fault in faults])
@@ -97,7 +234,7 @@ def _descended(
 
 
 def _normal(
-    signals: Sequence[Signals],
+    signals: Sequence[KinematicSignals],
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
     lines: Sequence[tuple[np.ndarray, np.ndarray]],
@@ -119,3 +256,182 @@ def _normal(
         information[diagonal, diagonal] += prior
         at += len(o)
     return information, gradient
+
+
+# ---- All faults of all sensors beside a fit
+
+LEAST_SECANT = 0.02  # s
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Normal equations of k faults where each record's own unknowns are free.
+
+    ``information (k, k)`` and ``gradient (k,)`` count from sensors without a fault; ``scatter (k, k)`` is the covariance of the gradient.
+    """
+
+    information: np.ndarray
+    gradient: np.ndarray
+    scatter: np.ndarray
+
+    def plus(self, other: NormalEquations) -> NormalEquations:
+        """Of two records together."""
+        return NormalEquations(self.information + other.information, self.gradient + other.gradient, self.scatter + other.scatter)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """First order of all ``faults`` beside a fit, of each record: ``smoother`` in the metric of its noise.
+
+    ``free``: the smoother's information ``(k + b, k + b)`` of faults and of biases (``biases``), whose priors do not count, starts and levels free.
+    ``whole``: of each record information and gradient of its own unknowns, then the faults, priors included; from no fault, own unknowns as found.
+    """
+
+    found: KinematicFit
+    faults: tuple[SensorFault, ...]
+    smoother: tuple[NormalEquations, ...]
+    biases: tuple[SensorFault, ...]
+    free: np.ndarray
+    whole: tuple[tuple[np.ndarray, np.ndarray], ...]
+    columns: tuple[np.ndarray, ...]
+
+    @property
+    def joint(self) -> NormalEquations:
+        """Of all records together."""
+        return added(self.smoother)
+
+
+def linear(found: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarray) -> Linear:
+    """All ``faults`` beside a fit; ``secants (k,)``: the size to which the secant of a time is drawn, s."""
+    smoother, free, whole, kept = [], [], [], []
+    biases: tuple[SensorFault, ...] = ()
+    for r, s in enumerate(found.signals):
+        unknowns = unknowns_of(s)
+        slopes, at_rest = _slopes(found, r, faults, secants)
+        own, extra = found.own[r], slopes[:, :, len(found.own[r]) :]
+        at = [faults.index(fault) for fault in found.faults]
+        residual = np.where(s.valid, found.residuals[r] + extra[:, :, at] @ found.sizes, 0.0)
+        prior = np.array([item.prior**-2 for item in unknowns])
+        columns = np.concatenate([np.where(s.valid[:, :, None], slopes, 0.0), residual[:, :, None]], axis=2)
+        more = np.where(s.valid[:, :, None], at_rest, 0.0)
+        white, other = np.split(weigher(s, found.noise)(np.concatenate([columns, more], axis=2)), [columns.shape[2]], axis=2)
+        left = whitener(s, found.noise)(found.residuals[r][:, :, None])[:, :, 0]
+        smoother.append(_linear_normal(white, prior, own, left))
+        kept.append(columns)
+        named = [i for i, item in enumerate(unknowns) if item.key[1] == BIAS]
+        biases = tuple(SensorFault(unknowns[i].key[0], BIAS) for i in named)
+        flat = white.reshape(-1, white.shape[2])
+        gram = flat.T @ flat
+        flat[:, [len(own) + j for j, fault in enumerate(faults) if fault.kind == DELAY]] = other.reshape(len(flat), -1)
+        free.append(_without(flat[:, :-1].T @ flat[:, :-1], prior, named))
+        extended = np.append(prior, np.zeros(len(faults)))
+        whole.append((gram[:-1, :-1] + np.diag(extended), gram[:-1, -1] - extended * np.append(own, np.zeros(len(faults)))))
+    return Linear(found, tuple(faults), tuple(smoother), biases, np.sum(free, axis=0), tuple(whole), tuple(kept))
+
+
+def _slopes(found: KinematicFit, r: int, faults: Sequence[SensorFault], secants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes ``(m, N, n + k)`` with secants of times, and of the delays by themselves those at what stands: secants of a common delay differ."""
+    s, own = found.signals[r], found.own[r]
+    unknowns = unknowns_of(s)
+    sizes = np.zeros(len(faults))
+    for fault, size in zip(found.faults, found.sizes.tolist(), strict=True):
+        sizes[list(faults).index(fault)] = size
+    _, slopes = linearised(s, unknowns, faults, own, sizes)
+    n = len(own)
+    at_rest = slopes[:, :, [n + j for j, fault in enumerate(faults) if fault.kind == DELAY]]
+    for j, fault in enumerate(faults):
+        if fault.kind in (DELAY, LAG):
+            # From none to its size, the others as they stand but for other ways in which the same channel is late.
+            ends = np.where([other.channel == fault.channel and other.kind in (DELAY, LAG) for other in faults], 0.0, np.stack([sizes, sizes]))
+            ends[1, j] = secants[j]
+            y = evaluate(s, unknowns, faults, np.repeat(own[None], 2, axis=0), ends)
+            slopes[:, :, n + j] = (y[:, 1] - y[:, 0]) / secants[j]
+    return slopes, at_rest
+
+
+def _linear_normal(white: np.ndarray, prior: np.ndarray, own: np.ndarray, left: np.ndarray) -> NormalEquations:
+    """Normal equations of the faults from whitened columns ``(m, N, n + k + 1)``, the last one the residual; own unknowns projected out."""
+    n = len(prior)
+    flat = white.reshape(-1, white.shape[2])
+    gram = flat.T @ flat
+    k = gram.shape[0] - n - 1
+    gradient = gram[: n + k, -1].copy()
+    gradient[:n] -= prior * own
+    onto = _onto(gram[: n + k, : n + k], prior)
+    scatter = np.sum([coloured(white[i, :, : n + k], left[i]) for i in range(len(left))], axis=0)
+    scatter[np.arange(n), np.arange(n)] += prior
+    return _projected(gram[: n + k, : n + k], gradient, scatter, onto)
+
+
+def _onto(gram: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """``(k, n + k)``: the faults' columns less what the own unknowns make of them."""
+    n = len(prior)
+    inverse = bounded_inverse(gram[:n, :n] + np.diag(prior))
+    return np.hstack([-gram[n:, :n] @ inverse, np.eye(len(gram) - n)])
+
+
+def _projected(gram: np.ndarray, gradient: np.ndarray, scatter: np.ndarray, onto: np.ndarray) -> NormalEquations:
+    n = gram.shape[0] - onto.shape[0]
+    information = gram[n:, n:] + onto[:, :n] @ gram[:n, n:]
+    return NormalEquations(0.5 * (information + information.T), onto @ gradient, onto @ scatter @ onto.T)
+
+
+def coloured(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """Covariance of the gradient of one output for a residual of this colour: ``(c, c)``, as ``corrected_covariance`` has it."""
+    lags = min(max(10, len(residual) // 5), len(residual) - 1)
+    covariance = autocovariance(residual, lags) * (1.0 - np.arange(lags + 1) / (lags + 1.0))
+    n = len(columns)
+    size = 1 << int(np.ceil(np.log2(n + 2 * lags + 1)))
+    kernel = np.zeros(size)
+    kernel[: lags + 1] = covariance
+    kernel[size - lags :] = covariance[:0:-1]
+    spectrum = np.fft.rfft(columns, size, axis=0)
+    smooth = np.fft.irfft(spectrum * np.fft.rfft(kernel)[:, None], size, axis=0)[:n]
+    return np.asarray(columns.T @ smooth)
+
+
+def by_output_error(lines: Linear, r: int) -> NormalEquations:
+    """Normal equations of record r for residuals that are taken as white."""
+    s, own = lines.found.signals[r], lines.found.own[r]
+    prior, n = np.array([item.prior**-2 for item in unknowns_of(s)]), len(own)
+    gram, gradient, scatter = output_error_gram(s, lines.found, r, lines.columns[r])
+    gradient[:n] -= prior * own
+    scatter[np.arange(n), np.arange(n)] += prior
+    return _projected(gram, gradient, scatter, _onto(gram, prior))
+
+
+def output_error_gram(s: KinematicSignals, found: KinematicFit, r: int, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Information, gradient and its covariance with each output's residual weighed by its mean square, without priors.
+
+    ``columns (m, N, c + 1)``: slopes and, last, the residual. The covariance is that which such weights give under the smoother's noise.
+    """
+    part = part_of_controls(s)
+    count = np.maximum(s.valid.sum(axis=1), 1)
+    weight = 1.0 / np.maximum((found.residuals[r] ** 2).sum(axis=1) / count, 1e-30)
+    slopes, residual = columns[:, :, :-1], columns[:, :, -1]
+    weighed = part(slopes) * weight[:, None, None]
+    flat, c = weighed.reshape(-1, weighed.shape[2]), weighed.shape[2]
+    gram, gradient = flat.T @ slopes.reshape(-1, c), flat.T @ residual.ravel()
+    scatter = flat.T @ (weighed * found.noise.white[:, None, None]).reshape(-1, c)
+    ahead = np.cumsum(weighed[:, ::-1], axis=1)[:, ::-1][:, 1:] * s.steps[None, :, None]
+    for gains, density in zip(walk_gains(s, found.noise).T, found.noise.density.tolist(), strict=True):
+        walk = np.tensordot(gains, ahead, axes=1)
+        scatter += density * walk.T @ walk
+    return gram, gradient, scatter
+
+
+def _without(gram: np.ndarray, prior: np.ndarray, named: Sequence[int]) -> np.ndarray:
+    """Information of faults and biases, faults first, with all other own unknowns free."""
+    n = len(prior)
+    kept = [*range(n, len(gram)), *named]
+    gone = [i for i in range(n) if i not in named]
+    inner = gram[np.ix_(gone, gone)] + np.diag(prior[gone])
+    return np.asarray(gram[np.ix_(kept, kept)] - gram[np.ix_(kept, gone)] @ bounded_inverse(inner) @ gram[np.ix_(gone, kept)])
+
+
+def added(parts: Sequence[NormalEquations]) -> NormalEquations:
+    """Normal equations of several records together."""
+    total = parts[0]
+    for part in parts[1:]:
+        total = total.plus(part)
+    return total

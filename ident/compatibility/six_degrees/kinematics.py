@@ -1,4 +1,4 @@
-"""The kinematic relations of six degrees of freedom, each integrated over what is measured of its right side.
+"""Kinematics of six degrees of freedom: channels, relations, unknowns, records without a bank angle.
 
 Body axes, x forward, y to the right, z down; flat earth, wind that does not change (Klein and Morelli, Aircraft System Identification, AIAA
 2006, ch. 10; Jategaonkar, Flight Vehicle System Identification, AIAA 2006, ch. 10):
@@ -17,16 +17,196 @@ other terms without it: none.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ident.compatibility.faults import ARM, BELOW, BIAS, BOOM, PACKAGE, RIGHT, SCALE
-from ident.compatibility.kinematics import Values, increments, middle, samples, shown, summed
-from ident.compatibility.signals import Signals
-from ident.compatibility.six_degrees.channels import load_on
+from ident.compatibility.kinematics import (
+    ARM,
+    BELOW,
+    BIAS,
+    BOOM,
+    DELAY,
+    DRIFT,
+    LAG,
+    PACKAGE,
+    RIGHT,
+    SCALE,
+    SensorFault,
+    Unknown,
+    Values,
+    difference_step,
+    increments,
+    middle,
+    samples,
+    shown,
+    summed,
+)
+from ident.compatibility.signals import EDGE, KinematicSignals, isolated
+from sim.errors import RecordError
 from sim.maths import G0
+from sim.record import Record
+
+# ---- Records with lateral channels or a height made ready for the kinematics
+
+HEIGHTS = ("height", "altitude")
+AXES: Mapping[str, tuple[str, ...]] = {"x": ("ax", "nx"), "y": ("ay", "ny"), "z": ("nz", "az")}
+CHANNELS = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax", "nx", "beta", "p", "r", "ay", "ny", "phi", "psi", *HEIGHTS)
+BEYOND = ("beta", "phi", "psi", *HEIGHTS)  # outputs that the longitudinal relations do not have
+WRAPPED = ("phi", "psi")
+_INCREMENTAL = 0.5  # g: a mean load below is one without the weight
+_STEEPEST = 1.4  # rad: nearer to the vertical Euler angles are no measurement
+
+
+def recorded(record: Record) -> tuple[str, ...]:
+    """Channels of a record that the kinematics know, of an acceleration one for each axis, of a height one."""
+    have = [name for name in CHANNELS if name in record.output_names and np.count_nonzero(record[name].valid) > 1]
+    for several in (*AXES.values(), HEIGHTS):
+        for name in [name for name in several if name in have][1:]:
+            have.remove(name)
+    return tuple(have)
+
+
+def load_on(axis: str, names: Sequence[str]) -> str | None:
+    """Channel of the accelerometer along an axis (x, y, z), None where there is none."""
+    return next((name for name in AXES[axis] if name in names), None)
+
+
+def relations(names: Sequence[str], *, speed: bool) -> dict[str, tuple[str, ...]]:
+    """Output of each relation that these channels close, and the channels that it joins; ``speed``: an airspeed is recorded or given.
+
+    What a relation needs comes first, then what it takes along where it is there.
+    """
+    have = set(names)
+    x, y, z = (load_on(axis, names) or "" for axis in "xyz")
+    height = next((name for name in HEIGHTS if name in have), "")
+    needs = {
+        "alpha": (("alpha", "q", z), ("theta", "phi", x, "beta", "p", "r", "airspeed"), speed),
+        "theta": (("theta", "q"), ("phi", "r"), "phi" not in have or "r" in have),
+        "airspeed": (("airspeed", x, "theta", "alpha", z), ("beta", y, "phi"), True),
+        "beta": (("beta", "r", y, "phi"), ("p", "alpha", "theta", x, z, "airspeed"), speed),
+        "phi": (("phi", "p"), ("r", "q", "theta"), True),
+        "psi": (("psi", "r", "phi"), ("q", "theta"), True),
+        height: ((height, "theta", "alpha"), ("airspeed", "phi", "beta"), speed),
+    }
+    return {
+        output: (*needed, *(name for name in along if name in have))
+        for output, (needed, along, closed) in needs.items()
+        if closed and set(needed) <= have
+    }
+
+
+def ready(
+    record: Record, channels: Sequence[str], airspeed: float | None, gravity: float, vane_arm: float
+) -> tuple[KinematicSignals, tuple[str, ...]]:
+    """Signals of a record for its ``channels``, those common to all records; and sentences on what was done to them.
+
+    Angles that wrap around are unwrapped; a vertical load without the weight gets it.
+
+    Raises
+    ------
+    RecordError : an attitude near the vertical.
+    """
+    raw, valid, spikes, notes = {}, {}, {}, []
+    for name in channels:
+        values, there = record[name].values.copy(), record[name].valid.copy()
+        if name in WRAPPED:
+            values[there] = np.unwrap(values[there])
+        wrong = isolated(record.time[there], values[there])
+        spikes[name] = int(np.count_nonzero(wrong))
+        there[np.flatnonzero(there)[wrong]] = False
+        if name == "theta" and np.any(np.abs(values[there]) > _STEEPEST):
+            where = f"{record.name}, channel theta"
+            raise RecordError("an attitude near the vertical, where bank and heading mean nothing", where=where, remedy="cut the record there")
+        raw[name], valid[name] = np.interp(record.time, record.time[there], values[there]), there
+    if (z := load_on("z", channels)) is not None:
+        weight = 1.0 if z == "nz" else -G0
+        if float(np.median(raw[z])) / weight < _INCREMENTAL:
+            raw[z] = raw[z] + weight
+            notes.append(f"{z} of {record.name} is without the weight, which is added")
+    found = relations(channels, speed=airspeed is not None or "airspeed" in channels)
+    used = {name for joined in found.values() for name in joined}
+    edge = EDGE if record.time[-1] - record.time[0] > 50.0 * EDGE else 0.0
+    inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
+    speed = raw["airspeed"] if "airspeed" in raw else np.full(len(record), airspeed if airspeed is not None else np.inf)
+    measured = np.array([valid[name] & inside for name in found]).reshape(len(found), len(record))
+    kept = {name: raw[name] for name in channels if name in used}
+    return KinematicSignals(record.name, record.time, kept, tuple(found), measured, speed, gravity, vane_arm, np.zeros(0), spikes), tuple(notes)
+
+
+# ---- Records without a bank angle
+
+LEVEL = "no bank angle is recorded: the wings are taken as level"
+_RATES = ("p", "r")
+
+
+def misled_by_bank(records: Sequence[Record], airspeed: float | None, gravity: float) -> tuple[str, ...]:
+    """A sentence on each record in which level wings would mislead the relations of alpha and theta; ``airspeed`` (m/s) where none is recorded.
+
+    Of p the integral about its median is the bank, of r the bank of a coordinated turn. What such a bank would add to the integrals of
+    theta and alpha, less a constant and a trend, which starts and biases take, is more than the size from which a bias is worth a word.
+    """
+    out = []
+    for record in records:
+        rates = [name for name in _RATES if name in record.output_names and np.count_nonzero(record[name].valid) > 1]
+        if "phi" in record.output_names or "q" not in record.output_names or not rates:
+            continue
+        phi = _bank(record, rates, airspeed, gravity)
+        worst = max(np.std(_left(record.time, wrong)) for wrong in _wrong_rates(record, rates, phi, airspeed, gravity))
+        if worst > SensorFault("alpha", BIAS).worth:
+            lean, say = np.degrees(np.max(np.abs(phi))), "say" if len(rates) > 1 else "says"
+            out.append(
+                f"no bank angle is recorded in {record.name}, and {' and '.join(rates)} {say} that the wings were up to {lean:.0f} deg from level: "
+                "nothing is told of alpha, q, theta and the loads, whose relations need it"
+            )
+    return tuple(out)
+
+
+def _bank(record: Record, rates: Sequence[str], airspeed: float | None, gravity: float) -> np.ndarray:
+    """About the bank angle ``(N,)``, rad."""
+    turn = np.zeros(len(record))
+    speed = _speed(record, airspeed)
+    if "r" in rates and speed is not None:
+        turn = np.arctan(_filled(record, "r") * speed / gravity)
+    if "p" not in rates:
+        return turn
+    p = _filled(record, "p")
+    rolled = _integral(record.time, p - np.median(p))
+    return np.asarray(rolled - np.median(rolled) + np.median(turn))
+
+
+def _wrong_rates(record: Record, rates: Sequence[str], phi: np.ndarray, airspeed: float | None, gravity: float) -> tuple[np.ndarray, ...]:
+    """By what level wings are wrong in the rates of theta and, where an airspeed is known, of alpha."""
+    speed = _speed(record, airspeed)
+    q = _filled(record, "q") if "q" in record.output_names else np.zeros(len(record))
+    r = _filled(record, "r") if "r" in rates else np.tan(phi) * (gravity / speed if speed is not None else 0.0)
+    pitch = q * (np.cos(phi) - 1.0) - r * np.sin(phi)
+    return (pitch,) if speed is None else (pitch, gravity / speed * (np.cos(phi) - 1.0))
+
+
+def _speed(record: Record, airspeed: float | None) -> float | None:
+    if "airspeed" in record.output_names:
+        return float(np.nanmean(np.where(record["airspeed"].valid, record["airspeed"].values, np.nan)))
+    return airspeed
+
+
+def _filled(record: Record, name: str) -> np.ndarray:
+    channel = record[name]
+    return np.interp(record.time, record.time[channel.valid], channel.values[channel.valid])
+
+
+def _integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
+
+
+def _left(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """The integral of a rate without its constant and trend."""
+    whole = _integral(time, rate)
+    return np.asarray(whole - np.polynomial.Polynomial.fit(time, whole, 1)(time))
+
+
+# ---- The kinematic relations of six degrees of freedom
 
 _TO_BODY = {"nx": G0, "ny": G0, "nz": -G0}
 
@@ -44,7 +224,7 @@ class _Motion:
     pushed: dict[str, np.ndarray]
 
 
-def reconstructed(s: Signals, value: Values) -> np.ndarray:
+def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
     """What the outputs should read if the sensors have these faults: ``(m, P, N)`` for sizes ``(P, 1)``.
 
     Besides the faults, ``value`` gives ``("start", STATE)``, ``("level", "theta")`` and ``("level", "alpha")`` where these are not recorded,
@@ -60,7 +240,7 @@ def reconstructed(s: Signals, value: Values) -> np.ndarray:
     return np.array([np.broadcast_to(row, (width, len(s.time))) for row in out])
 
 
-def _motion(s: Signals, value: Values, rates: dict[str, np.ndarray]) -> _Motion:
+def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) -> _Motion:
     h, none = s.steps, np.zeros((1, len(s.time)))
     speed = samples(s, "airspeed", value) if "airspeed" in s.channels else s.speed[None] / (1.0 + value("airspeed", SCALE))
     angles = {}
@@ -80,7 +260,7 @@ def _motion(s: Signals, value: Values, rates: dict[str, np.ndarray]) -> _Motion:
 
 
 def _at_vane(
-    s: Signals, name: str, angle: np.ndarray, value: Values, rates: dict[str, np.ndarray], speed: np.ndarray, *, back: bool = False
+    s: KinematicSignals, name: str, angle: np.ndarray, value: Values, rates: dict[str, np.ndarray], speed: np.ndarray, *, back: bool = False
 ) -> np.ndarray:
     """A flow angle where its vane is, from that at the centre of gravity; ``back``: the other way."""
     ahead = value(name, ARM) + value(BOOM, ARM) + (s.vane_arm if name == "alpha" else 0.0)
@@ -91,7 +271,7 @@ def _at_vane(
     return angle
 
 
-def _lever(s: Signals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]) -> np.ndarray:
+def _lever(s: KinematicSignals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]) -> np.ndarray:
     """Integral over each interval of what an accelerometer away from the centre of gravity feels more: ``(P, N - 1)``, m/s."""
     x, y, z = (value(channel, kind) + value(PACKAGE, kind) for kind in (ARM, RIGHT, BELOW))
     if not (np.any(x) or np.any(y) or np.any(z)):
@@ -111,12 +291,12 @@ def _lever(s: Signals, axis: str, channel: str, value: Values, rates: dict[str, 
     return np.asarray(felt)
 
 
-def _theta(s: Signals, m: _Motion, value: Values) -> np.ndarray:
+def _theta(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     q = m.turned["q"]
     return np.asarray(q * middle(np.cos(m.phi)) - m.turned["r"] * middle(np.sin(m.phi)) if "r" in m.turned and "phi" in s.channels else q)
 
 
-def _phi(s: Signals, m: _Motion, value: Values) -> np.ndarray:
+def _phi(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     tan = np.tan(m.theta)
     if "r" not in m.turned:
         return np.asarray(m.turned["p"] + s.gravity * s.steps * middle(np.sin(m.theta) * np.tan(m.phi) / m.speed))
@@ -125,13 +305,13 @@ def _phi(s: Signals, m: _Motion, value: Values) -> np.ndarray:
     return np.asarray(m.turned["p"] + m.turned["q"] * middle(tan * np.sin(m.phi)) + m.turned["r"] * middle(tan * np.cos(m.phi)))
 
 
-def _psi(s: Signals, m: _Motion, value: Values) -> np.ndarray:
+def _psi(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     if "q" not in m.turned:
         return np.asarray(m.turned["r"] * middle(1.0 / (np.cos(m.phi) * np.cos(m.theta))))
     return np.asarray(m.turned["q"] * middle(np.sin(m.phi) / np.cos(m.theta)) + m.turned["r"] * middle(np.cos(m.phi) / np.cos(m.theta)))
 
 
-def _forces(s: Signals, m: _Motion, axes: tuple[tuple[str, np.ndarray], ...]) -> np.ndarray:
+def _forces(s: KinematicSignals, m: _Motion, axes: tuple[tuple[str, np.ndarray], ...]) -> np.ndarray:
     """Sum over axes of load and weight times a coefficient at the samples, integrated over each interval."""
     weight = {"x": -np.sin(m.theta), "y": np.cos(m.theta) * np.sin(m.phi), "z": np.cos(m.theta) * np.cos(m.phi)}
     total = np.zeros((1, 1))
@@ -141,7 +321,7 @@ def _forces(s: Signals, m: _Motion, axes: tuple[tuple[str, np.ndarray], ...]) ->
     return total
 
 
-def _alpha(s: Signals, m: _Motion, value: Values) -> np.ndarray:
+def _alpha(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     cos, sin = np.cos(m.alpha), np.sin(m.alpha)
     over = 1.0 / (m.speed * np.cos(m.beta))
     axes = (("z", cos * over), ("x", -sin * over)) if "x" in m.pushed else (("z", over / cos),)
@@ -154,7 +334,7 @@ def _alpha(s: Signals, m: _Motion, value: Values) -> np.ndarray:
     return np.asarray(change)
 
 
-def _beta(s: Signals, m: _Motion, value: Values) -> np.ndarray:
+def _beta(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     cos, sin = np.cos(m.alpha), np.sin(m.alpha)
     slip, over = np.sin(m.beta), 1.0 / m.speed
     change = _forces(s, m, (("y", np.cos(m.beta) * over), ("x", -cos * slip * over), ("z", -sin * slip * over)))
@@ -162,17 +342,119 @@ def _beta(s: Signals, m: _Motion, value: Values) -> np.ndarray:
     return np.asarray(change + m.turned["p"] * middle(sin) if "p" in m.turned else change)
 
 
-def _airspeed(s: Signals, m: _Motion, value: Values) -> np.ndarray:
+def _airspeed(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     cos = np.cos(m.beta)
     return _forces(s, m, (("x", np.cos(m.alpha) * cos), ("y", np.sin(m.beta)), ("z", np.sin(m.alpha) * cos)))
 
 
-def _height(s: Signals, m: _Motion, value: Values) -> np.ndarray:
+def _height(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     cos, level = np.cos(m.beta), np.cos(m.theta)
     rise = np.cos(m.alpha) * cos * np.sin(m.theta) - np.sin(m.beta) * np.sin(m.phi) * level - np.sin(m.alpha) * cos * np.cos(m.phi) * level
     return np.asarray(s.steps * (middle(m.speed * rise) + value("wind", BIAS)))
 
 
-_CHANGES: dict[str, Callable[[Signals, _Motion, Values], np.ndarray]] = {
+_CHANGES: dict[str, Callable[[KinematicSignals, _Motion, Values], np.ndarray]] = {
     **{"theta": _theta, "phi": _phi, "psi": _psi, "alpha": _alpha, "beta": _beta, "airspeed": _airspeed},
 }
+
+
+# ---- Unknowns of each record in six degrees of freedom
+
+_LEVEL = 0.15  # rad: an angle that is not recorded, of which the record's constant is fitted
+_SPEED = 0.015  # share by which an airspeed that is not recorded may be off
+_LOOSE = 5.0  # of the size that is worth a word: the standard deviation of a bias before the record is seen
+_WITHOUT_BIAS = ("psi", *HEIGHTS)  # where it is another start
+
+
+def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
+    """Starts; a bias of every channel whose bias has a trace at all, and of the wind's climb, each under a loose prior; constants for what
+    is not recorded."""
+    out = [Unknown(("start", name), 1e-3) for name in s.outputs]
+    for name in s.channels:
+        if name not in _WITHOUT_BIAS:
+            size = SensorFault(name, BIAS).plausible
+            out.append(Unknown((name, BIAS), 0.02 * size, _LOOSE * size))
+    if any(name in s.outputs for name in HEIGHTS):
+        out.append(Unknown(("wind", BIAS), 1e-2, SensorFault("wind", BIAS).plausible))
+    turns, flows = {"alpha", "phi", "psi", "beta"} & set(s.outputs), {"beta"} & set(s.outputs)
+    if "theta" not in s.channels and turns:
+        out.append(Unknown(("level", "theta"), 1e-3, _LEVEL))
+    if "alpha" not in s.channels and flows:
+        out.append(Unknown(("level", "alpha"), 1e-3, _LEVEL))
+    if "airspeed" not in s.channels and {"alpha", "beta"} & set(s.outputs):
+        out.append(Unknown(("airspeed", SCALE), 1e-3, _SPEED))
+    return tuple(out)
+
+
+def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
+    """First values: states as they are first measured, all else zero."""
+    out = np.zeros(len(unknowns))
+    for i, item in enumerate(unknowns):
+        if item.key[0] == "start":
+            row = s.outputs.index(item.key[1])
+            out[i] = float(np.median(s.channels[item.key[1]][np.flatnonzero(s.valid[row])[:5]])) if np.any(s.valid[row]) else 0.0
+    return out
+
+
+def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...]:
+    """All faults that the sensors of a record may have, of an aircraft of that chord (m); biases are unknowns of each record."""
+    channels = tuple(s.channels)
+    out = [SensorFault(name, kind) for name in channels for kind in (SCALE, DELAY, LAG, DRIFT)]
+    felt: dict[str, list[str]] = {"alpha": [ARM, RIGHT], "beta": [ARM, BELOW]}
+    loads = {axis: load_on(axis, channels) for axis in "xyz"}
+    for axis, kinds in (("x", [RIGHT, BELOW]), ("y", [ARM, BELOW]), ("z", [ARM, RIGHT])):
+        if (name := loads[axis]) is not None:
+            felt[name] = kinds
+    if sum(name is not None for name in loads.values()) > 1:
+        felt[PACKAGE] = [ARM, RIGHT, BELOW]
+    if {"alpha", "beta"} <= set(channels):
+        felt[BOOM] = [ARM]
+    rates = {BOOM: {ARM: "qr"}, "alpha": {ARM: "q", RIGHT: "p"}, "beta": {ARM: "r", BELOW: "p"}, PACKAGE: {ARM: "qr", RIGHT: "pr", BELOW: "pq"}}
+    rates |= dict(zip((loads[axis] or "" for axis in "xyz"), ({RIGHT: "r", BELOW: "q"}, {ARM: "r", BELOW: "p"}, {ARM: "q", RIGHT: "p"}), strict=True))
+    for name, kinds in felt.items():
+        if name in channels or name in (PACKAGE, BOOM):
+            out += [SensorFault(name, kind, chord) for kind in kinds if any(rate in channels for rate in rates[name][kind])]
+    return tuple(out)
+
+
+def values_of(unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray) -> Values:
+    """The table of the kinematics for rows of values: ``own (P, n)``, ``sizes (P, k)``."""
+    table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
+    for j, fault in enumerate(faults):
+        key = (fault.channel, fault.kind)
+        table[key] = table[key] + sizes[:, j : j + 1] if key in table else sizes[:, j : j + 1]
+    # A size that no row has costs nothing.
+    table = {key: rows[:1] if np.all(rows == rows[0]) else rows for key, rows in table.items()}
+    none = np.zeros((1, 1))
+    return lambda channel, kind: table.get((channel, kind), none)
+
+
+def evaluate(s: KinematicSignals, unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Outputs for rows of values: ``own (P, n)``, ``sizes (P, k)`` to ``(m, P, N)``."""
+    found = reconstructed(s, values_of(unknowns, faults, own, sizes))
+    return np.broadcast_to(found, (len(s.outputs), len(own), len(s.time)))
+
+
+def linearised(
+    s: KinematicSignals, unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs ``(m, N)`` and their slopes ``(m, N, n + k)``: one-sided differences for a record's own, central ones for faults.
+
+    Rows are gone through channel by channel, so that what a channel does not touch is computed once for all its rows.
+    """
+    n, k = len(unknowns), len(faults)
+    step = np.array([item.step for item in unknowns] + [difference_step(fault) for fault in faults])
+    centre = np.concatenate([own, sizes])
+    y = evaluate(s, unknowns, faults, own[None], sizes[None])[:, 0]
+    slope = np.empty((len(s.outputs), len(s.time), n + k))
+    sides = [item.key[0] if item.key[0] != "start" else "" for item in unknowns] + [fault.channel for fault in faults]
+    for channel in dict.fromkeys(sides):
+        at = np.array([i for i, side in enumerate(sides) if side == channel])
+        moved = np.repeat(centre[None], 2 * len(at), axis=0)
+        moved[np.arange(len(at)), at] += step[at]
+        behind = at >= n
+        moved[len(at) + np.flatnonzero(behind), at[behind]] -= step[at[behind]]
+        both = evaluate(s, unknowns, faults, moved[:, :n], moved[:, n:])
+        width = np.where(behind, 2.0, 1.0) * step[at]
+        slope[:, :, at] = ((both[:, : len(at)] - both[:, len(at) :]) / width[:, None]).transpose(0, 2, 1)
+    return y, slope

@@ -10,10 +10,9 @@ import numpy as np
 from ident.process_noise.filter_error import fit_with_process_noise, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.diagnosis import Trained
-from ident.whole_record.best_start import fit_from_best_start, quiet
-from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
-from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
+from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, Prior, lay_out
+from ident.whole_record.output_error import fit_from_best_start, quiet
 from ident.whole_record.unstable_motion import fit_projected, projectable
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name

@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ident.whole_record.intervals import changed_rows, interval_ends, sample_outputs
 from ident.whole_record.linearise import join_intervals
-from ident.whole_record.record_problem import INCREMENT, RecordProblem
+from ident.whole_record.record_problem import INCREMENT, RecordProblem, changed_rows, interval_ends, sample_outputs
 from sim.propagation import Drive, drive_from_record
 
 _AT_ONCE = 60_000  # numbers of an output that are worked out together: more do not stay in a processor's cache

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.statistics.robust import robust_sigma
+from ident.statistics.noise_levels import robust_sigma
 from ident.tracing import thresholds
 from sim.record import Record
 

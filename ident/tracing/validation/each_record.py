@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ident.statistics.information import inverse_information
-from ident.statistics.normal_equations import add_normal_equations
+from ident.statistics.information import add_normal_equations, inverse_information
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Quantity
 from sim.declaration.effect import NoiseEffect, full_name

@@ -28,9 +28,8 @@ from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
 from ident.tracing.validation.training_knowledge import prior_where_both_meet, training_prior
 from ident.tracing.validation.whiteness import whiteness
-from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
-from ident.whole_record.layout import Prior, lay_out
+from ident.whole_record.layout import FitProblem, Prior, lay_out
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record

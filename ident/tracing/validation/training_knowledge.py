@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.statistics.information import inverse_information
-from ident.statistics.normal_equations import add_normal_equations
+from ident.statistics.information import add_normal_equations, inverse_information
 from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, fit_set
 from ident.whole_record.layout import Prior
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.statistics.local_level import levelled
+from ident.statistics.noise_levels import levelled
 from ident.statistics.residuals import ResidualTest, ljung_box
 from ident.tracing import thresholds
 from ident.whole_record.gauss_newton import Fit

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ident.compatibility.faults import ARMS
-from ident.compatibility.result import SensorFinding
-from ident.compatibility.six_degrees.level_wings import LEVEL
+from ident.compatibility.kinematics import ARMS
+from ident.compatibility.six_degrees.kinematics import LEVEL
+from ident.compatibility.trials import SensorFinding
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.diagnosis.kinematics import BIAS, PARAMETERS, Kinematics, _finite, agreements, unnamed
 from scenarios.diagnosis.report.wording import Wording, group_sentence

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
+from ident.flying_qualities.levels import ModeLevel, mode_levels
 from scenarios.diagnosis.report.declared_only import nothing_stands
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.terminal.flying_qualities import changes, level_text, levels_content, levels_heading, limit_text

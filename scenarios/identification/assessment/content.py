@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ident.statistics.profile import LEVEL, ProfileInterval
+from ident.statistics.intervals import LEVEL, ProfileInterval
 from scenarios.files.constraints import Constraints
 from scenarios.identification.assessment.bounds import AtBound
 from scenarios.identification.assessment.prediction import RecordFit

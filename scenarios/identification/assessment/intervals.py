@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from ident.estimate import Estimate, Outcome
-from ident.statistics.profile import ProfileInterval
+from ident.statistics.intervals import ProfileInterval
 from ident.whole_record.layout import FitSettings, lay_out
 from scenarios.files.declarations import closest
 from sim.declaration.model import System
@@ -68,8 +68,8 @@ def profiled(
         begun = system if settings.use_priors else replace(system, parameters=system.parameters.with_values(known))
         found, _ = frequency_fit(records, begun, FrequencySettings(band, settings.use_priors), delays=delays)
         return () if found is None else frequency.profile_intervals(found, names, covariance)
-    from ident.whole_record.best_start import in_pieces
-    from ident.whole_record.profiled import profile_intervals
+    from ident.whole_record.gauss_newton import profile_intervals
+    from ident.whole_record.output_error import in_pieces
 
     pieces = [piece for each in in_pieces(records, calm or system, settings, local) for piece in each]
     begun = system if settings.use_priors else replace(system, parameters=system.parameters.with_values(known))
@@ -80,7 +80,7 @@ def profiled(
 
         fit = fit_with_filter(layout, calm)
         return () if fit is None else profile_intervals(fit, names, covariance, noise_started_at)
-    from ident.whole_record.best_start import fit_from_best_start
+    from ident.whole_record.output_error import fit_from_best_start
 
     fit = fit_from_best_start(layout)
     return () if fit is None else profile_intervals(fit, names, covariance)

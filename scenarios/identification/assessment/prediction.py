@@ -9,11 +9,10 @@ import numpy as np
 
 from ident.tracing.diagnosis import ErrorFigures
 from ident.tracing.validation.error_figures import error_figures
-from ident.whole_record.best_start import in_pieces
-from ident.whole_record.best_start import put_together as of_pieces
-from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import fit_whole_records
-from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.layout import FitProblem, FitSettings, lay_out
+from ident.whole_record.output_error import in_pieces
+from ident.whole_record.output_error import put_together as of_pieces
 from scenarios.identification.wild_points import same_points, wild_points, without
 from scenarios.preparation.gaps import Parted, parts_of, put_together
 from sim.declaration.model import System

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ident.statistics.profile import LEVEL, ProfileInterval
+from ident.statistics.intervals import LEVEL, ProfileInterval
 from ident.tracing.diagnosis import Quantity
 from scenarios.identification.assessment.bounds import AtBound
 from scenarios.identification.assessment.prediction import RecordFit

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ident.flying_qualities.mode_levels import Flown, mode_levels
+from ident.flying_qualities.levels import Flown, mode_levels
 from scenarios.files.folders import study_folder
 from scenarios.files.measured.record_file import all_simulated, identities
 from scenarios.files.measured.sidecar import sidecar_path

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.recording.series import measurable_noise
-from ident.statistics.sensor_noise import sensor_noise, used_runs
+from ident.statistics.noise_levels import sensor_noise, used_runs
 from scenarios.identification.result import Identification
 from scenarios.terminal.display_units import shown_in, spaced
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 
 from ident.estimate import Outcome
-from ident.flying_qualities.mode_levels import Flown, mode_levels
+from ident.flying_qualities.levels import Flown, mode_levels
 from scenarios.files.sources import InputFile
 from scenarios.identification.assessment.text import FITS, INTERVALS, PROFILED, SIMULATED, bound_lines, fit_rows, interval_rows, interval_sentences
 from scenarios.identification.input_reading import reading_rows

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from ident.flying_qualities.mode_levels import Flown, mode_levels
+from ident.flying_qualities.levels import Flown, mode_levels
 from ident.tracing.diagnosis import Quantity
 from scenarios.identification.assessment.text import bound_lines, fit_lines, interval_lines
 from scenarios.identification.input_reading import reading_rows

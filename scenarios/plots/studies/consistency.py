@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ident.statistics.chi_square import mean_square_interval
+from ident.statistics.intervals import mean_square_interval
 from scenarios.plots.display import plain, symbol
 from scenarios.plots.style import BLACK, BLUE, GREY, LABEL_SIZE, LIGHT, TRUE, VERMILION, caption, finish, make_sheet, method_style, text_width
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.statistics.coloured_covariance import filtered_product
+from ident.statistics.residual_spectrum import filtered_product
 from scenarios.studies.campaign_causes.residuals import Residuals
 from scenarios.studies.campaign_statistics.bound import Bound
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.statistics.shares import LEVEL, clopper_pearson
+from ident.statistics.intervals import SHARES_LEVEL, clopper_pearson
 from scenarios.studies.campaign_statistics.statistics import NORMAL, CampaignStatistics, ParameterStatistics
 
 
@@ -36,7 +36,7 @@ def judged_wrong(found: CampaignStatistics) -> tuple[Wrong, ...]:
     The interval of each is that of Clopper and Pearson at a level of one minus 0.05 over the number of parameters (Bonferroni).
     """
     out = []
-    level = 1.0 - (1.0 - LEVEL) / len(found.parameters)
+    level = 1.0 - (1.0 - SHARES_LEVEL) / len(found.parameters)
     for at, each in enumerate(found.parameters):
         low, high = clopper_pearson(each.two.hits, each.two.runs, level)
         if not low <= NORMAL[2] <= high:

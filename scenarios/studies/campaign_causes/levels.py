@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.banks.bank import run_bank
-from ident.banks.single_filter import filter_batched
+from ident.banks.bank import filter_batched, run_bank
 from ident.filters.ekf import run_ekf
 from scenarios.studies.declaration import Estimation
 from scenarios.studies.estimating import compiled, filter_settings

@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.banks.bank import run_bank
-from ident.banks.single_filter import filter_batched
+from ident.banks.bank import filter_batched, run_bank
 from ident.filters.ekf import FilterSettings, run_ekf
-from ident.statistics.coloured_covariance import autocovariance
+from ident.statistics.residual_spectrum import autocovariance
 from scenarios.studies.estimating import compiled
 from scenarios.studies.runs.batch import is_batched
 from scenarios.studies.runs.work import EstimatorRuns

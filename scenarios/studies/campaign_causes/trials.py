@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ident.statistics.chi_square import mean_square_interval
+from ident.statistics.intervals import mean_square_interval
 from scenarios.studies.campaign import Campaign
 from scenarios.studies.campaign_causes.levels import Levels
 from scenarios.studies.campaign_statistics.bound import FILTERS

@@ -14,10 +14,10 @@ from functools import partial
 
 import numpy as np
 
-from ident.banks.single_filter import filter_batched
+from ident.banks.bank import filter_batched
 from ident.filters.ekf import run_ekf
 from ident.statistics.information import inverse_information
-from ident.whole_record.sensitivities import weighted_sensitivities
+from ident.whole_record.layout import weighted_sensitivities
 from scenarios.studies.declaration import Estimation
 from scenarios.studies.estimating import biased_system, compiled, filter_settings
 from scenarios.studies.runs.work import EstimatorRuns

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.statistics.chi_square import deviation_factors, inside, mean_square_interval
-from ident.statistics.shares import clopper_pearson
+from ident.statistics.intervals import clopper_pearson, deviation_factors, inside, mean_square_interval
 from scenarios.studies.campaign import Campaign, Spread
 from scenarios.studies.campaign_statistics.bound import Bound, bound_of
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.statistics.determination import Determination, determination
-from ident.whole_record.sensitivities import weighted_sensitivities
+from ident.statistics.information import Determination, determination
+from ident.whole_record.layout import weighted_sensitivities
 from scenarios.studies.declaration import Estimation
 from scenarios.studies.estimating import biased_system
 from sim.declaration.model import Model

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from ident.flying_qualities.mode_levels import flown_as
+from ident.flying_qualities.levels import flown_as
 from scenarios.files.declarations import checked
 from scenarios.files.own_models import OwnModel, is_of_aircraft
 from scenarios.files.writing import unportable

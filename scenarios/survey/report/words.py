@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.pooling.trend import Trend
+from ident.pooling import Trend
 from ident.tracing.diagnosis import Verdict
 from scenarios.survey.derivatives import TOLD, Derivative
 from scenarios.survey.recurring import EQUAL, Recurring

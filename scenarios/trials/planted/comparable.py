@@ -16,7 +16,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.flying_qualities.modal import modal_estimate, propagated, slowest_oscillation
+from ident.flying_qualities.modes import modal_estimate, propagated, slowest_oscillation
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.candidate_model.fitted_model import (
     carried,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from ident.estimate import Outcome
-from ident.flying_qualities.modal import MODAL_UNITS
+from ident.flying_qualities.modes import MODAL_UNITS
 from scenarios.pages.folder import figures
 from scenarios.pages.model import Bullets, Page, Prose, Section, section
 from scenarios.pages.printed import printed_blocks

@@ -9,10 +9,9 @@ import filterpy.kalman
 import numpy as np
 import pytest
 
-from ident.banks.engines import BATCHED, FILTERPY
-from ident.filters.ekf import FilterSettings, run_ekf
-from ident.filters.iterated_ekf import run_iterated_ekf
-from ident.flying_qualities.mode_levels import flown_as
+from ident.banks.delays import BATCHED, FILTERPY
+from ident.filters.ekf import FilterSettings, run_ekf, run_iterated_ekf
+from ident.flying_qualities.levels import flown_as
 from scenarios.identification.identify import identify
 from scenarios.identification.report.files import identification_content
 from scenarios.identification.result import Options

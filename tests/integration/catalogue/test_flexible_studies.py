@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.statistics.determination import determination
-from ident.whole_record.sensitivities import weighted_sensitivities
+from ident.statistics.information import determination
+from ident.whole_record.layout import weighted_sensitivities
 from scenarios.side_by_side.responses import read_responses
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.comparison import comparison

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from ident.statistics.shares import clopper_pearson
+from ident.statistics.intervals import clopper_pearson
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.declaration import Scenario
 from scenarios.studies.estimating import estimate_record

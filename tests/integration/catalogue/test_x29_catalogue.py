@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.banks.engines import BATCHED, FILTERPY, agreement
+from ident.banks.delays import BATCHED, FILTERPY, agreement
 from scenarios.studies.catalogue import scenario_names, scenario_text
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.estimating import set_up

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ident.banks.delays import DelayBank, run_delay_bank
-from ident.flying_qualities.handling_qualities import qualities
+from ident.flying_qualities.levels import qualities
 from ident.frequency_response.multitaper import estimate_response, fit_response
-from ident.statistics.differences import compare_estimates
-from ident.statistics.noise_envelope import noise_envelope
+from ident.statistics.noise_levels import noise_envelope
+from ident.statistics.residuals import compare_estimates
 from scenarios.identification.low_order_filter import PAPER_START, SIMULATION_SHARE, loes_filter_system
 from sim.closed_loop.airframe import X29, load_x29
 from sim.closed_loop.linear import EquivalentSystem, equivalent_system

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from ident.banks.bank import filter_alone
 from ident.banks.delays import DELAYS
-from ident.banks.single_filter import filter_alone
 from scenarios.side_by_side.reading import read_columns
 from scenarios.x29.declaration import METHODS
 from scenarios.x29.files import write_loop

@@ -12,7 +12,7 @@ import pytest
 from scipy.io import loadmat
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.result import CompatibilitySettings
+from ident.compatibility.trials import CompatibilitySettings
 from sim.record import Channel, Record
 from tests.integration.command_line import CommandLine
 

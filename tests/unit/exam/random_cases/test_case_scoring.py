@@ -13,8 +13,8 @@ from exam.random_cases.case import Case, CaseScore, Named
 from exam.random_cases.case_scoring import case_score_of, refusal_score_of
 from exam.random_cases.kinds import KINDS
 from exam.random_cases.summary import coverage, summary, summary_table
-from ident.recording.finding import Certainty, Finding
-from ident.recording.finding import Kind as FindingKind
+from ident.recording.series import Certainty, RecordFinding
+from ident.recording.series import Kind as FindingKind
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.preparation.recording import WARNED, RawLook, Seen
 from sim.errors import ModelError, RecordError
@@ -31,7 +31,7 @@ def case(*hidden: str) -> Case:
 def marked(hidden: tuple[str, ...], verdict: Verdict, claims: tuple[Claim, ...], warned_of: str = "") -> CaseScore:
     tracing = tracing_of(Verdict.CONSISTENT)
     diagnosis = replace(tracing.diagnosis, verdict=verdict, effects=claims)
-    finding = Finding(warned_of, FindingKind.HELD, Certainty.LIKELY, "is updated late")
+    finding = RecordFinding(warned_of, FindingKind.HELD, Certainty.LIKELY, "is updated late")
     look = RawLook(("train.csv",), (Seen("train.csv", finding, WARNED),)) if warned_of else tracing.look
     return case_score_of(case(*hidden), drawn_aircraft(np.random.default_rng(1))[1], replace(tracing, diagnosis=diagnosis, look=look), 1.0)
 

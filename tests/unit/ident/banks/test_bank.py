@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ident.banks.bank import BankEstimate, run_bank
 from ident.estimate import Outcome
 from ident.filters.ekf import FilterSettings, filter_by_filterpy, run_ekf
-from ident.filters.transition import Exponential, Taylor
+from ident.filters.one_record import Exponential, Taylor
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.effects.input_path.input_delay import InputDelay

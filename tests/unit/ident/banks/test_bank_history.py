@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from ident.banks.single_filter import filter_alone
+from ident.banks.bank import filter_alone
 from ident.estimate import FilterHistory, Outcome
 from ident.filters.ekf import FilterSettings, filter_by_filterpy
 from ident.filters.problem import filter_problem

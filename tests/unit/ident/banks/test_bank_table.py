@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.banks.any_equations import march_of_steps
 from ident.banks.bank import bank_runs
-from ident.banks.bilinear_equations import march_of_table
-from ident.banks.runs import BankTrace, empty_trace
+from ident.banks.equation_kernels import BankTrace, empty_trace, march_of_steps, march_of_table
 from ident.filters.ekf import FilterSettings
+from ident.filters.one_record import Exponential, Taylor
 from ident.filters.problem import FilterProblem
-from ident.filters.transition import Exponential, Taylor
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.effects.dynamics.derivative_jump import DerivativeJump

@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.banks.delays import run_delay_bank
-from ident.banks.engines import BATCHED, ENGINES, FILTERPY, agreement
-from ident.filters.ekf import filter_by_filterpy, run_ekf
-from ident.filters.iterated_ekf import run_iterated_ekf
+from ident.banks.delays import BATCHED, ENGINES, FILTERPY, agreement, run_delay_bank
+from ident.filters.ekf import filter_by_filterpy, run_ekf, run_iterated_ekf
 from tests import loes_problem as problem
 
 HELD = {"delay": np.array([0.1, 0.125, 0.15])}
@@ -61,7 +59,7 @@ def test_the_refined_delay_does_not_hang_on_the_engine(monkeypatch: pytest.Monke
         calls.append(1)
         return filter_by_filterpy(*arguments, **keywords)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("ident.banks.engines.filter_by_filterpy", counted)
+    monkeypatch.setattr("ident.banks.delays.filter_by_filterpy", counted)
     one, other = (run_delay_bank(flown, system, (0.1, 0.125, 0.15), widenings=0, engine=engine) for engine in ENGINES.values())
     assert len(calls) > 7, "filterpy's filters ran"
     assert other.refined == pytest.approx(one.refined, abs=1e-8) and other.refined_std == pytest.approx(one.refined_std, rel=1e-5)

@@ -7,12 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.banks.bank import bank_runs
-from ident.banks.iterated import run_iterated_bank, smoothed
-from ident.banks.one_pass import run_pass
-from ident.banks.runs import empty_trace
-from ident.filters.ekf import FilterSettings, run_ekf
-from ident.filters.iterated_ekf import run_iterated_ekf
+from ident.banks.bank import bank_runs, run_iterated_bank, run_pass, smoothed
+from ident.banks.equation_kernels import empty_trace
+from ident.filters.ekf import FilterSettings, run_ekf, run_iterated_ekf
 from ident.filters.smoother import smooth
 from tests import loes_problem as problem
 

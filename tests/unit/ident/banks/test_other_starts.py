@@ -8,8 +8,20 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, online_bank
-from ident.banks.other_starts import MEDIAN_SQUARE, bank_of_starts, ends_of, moved_starts, spread_covariance, spread_of
+from ident.banks.online import (
+    MEDIAN_SQUARE,
+    BankState,
+    OnlineBank,
+    Rows,
+    advance,
+    bank_of_starts,
+    begin,
+    ends_of,
+    moved_starts,
+    online_bank,
+    spread_covariance,
+    spread_of,
+)
 from sim.errors import ModelError
 from tests import loes_problem as problem
 

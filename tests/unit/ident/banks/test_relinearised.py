@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from ident.banks.delays import run_delay_bank
-from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, online_bank, with_delays
-from ident.banks.other_starts import moved_starts
+from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, moved_starts, online_bank, with_delays
 from ident.banks.relinearised import Relinearised, along, due, joint, joint_estimate, linearise, on_a_grid_that_fits, told_enough, weighed
 from ident.estimate import Estimate
 from sim.declaration.model import System

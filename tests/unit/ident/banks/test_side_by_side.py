@@ -8,12 +8,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from ident.banks import side_by_side
-from ident.banks.bank import bank_runs, run_bank
-from ident.banks.one_pass import run_pass
-from ident.banks.runs import BankHistory, BankPass
+from ident.banks import row_kernel
+from ident.banks.bank import bank_runs, run_bank, run_pass
+from ident.banks.equation_kernels import BankHistory, BankPass
 from ident.filters.ekf import FilterSettings
-from ident.filters.transition import Exponential
+from ident.filters.one_record import Exponential
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise, System
 from sim.effects.input_path.input_delay import InputDelay
@@ -76,7 +75,7 @@ def both(case: Case, keep: bool) -> tuple[BankPass, BankPass]:
     system = make()
     problem, runs = bank_runs(record, system, settings, z=measured(record, system, RUNS), held=held)
     found, expected = (run_pass(problem, settings, runs, keep, in_rows=rows) for rows in (True, False))
-    assert side_by_side.pass_side_by_side(problem, settings, runs, False) is not None, "there is a table"
+    assert row_kernel.pass_side_by_side(problem, settings, runs, False) is not None, "there is a table"
     return found, expected
 
 
@@ -109,7 +108,7 @@ def test_no_run_depends_on_the_others(passes: int, monkeypatch: pytest.MonkeyPat
     record, system, settings = rigid(gaps=True), two_outputs(noisy(q=1e-5)), FilterSettings(passes=passes)
     z = measured(record, system, 37)
     whole = run_bank(record, system, settings, z=z)
-    monkeypatch.setattr(side_by_side, "_AT_ONCE", 700)  # eleven runs at once
+    monkeypatch.setattr(row_kernel, "_AT_ONCE", 700)  # eleven runs at once
     for chosen in (np.arange(37), np.array([0]), np.array([36]), np.arange(3, 20), np.array([7, 30])):
         some = run_bank(record, system, settings, z=z[:, :, chosen])
         for name in ("mean", "log_likelihood", "nis", "sound", "iterations"):
@@ -149,6 +148,6 @@ def test_starts_and_covariances_of_each_run() -> None:
 def test_what_has_no_table_is_filtered_all_the_same() -> None:
     record, system, settings = rigid(), two_outputs(rigid_start(1.1)), FilterSettings(transition=Exponential())
     problem, runs = bank_runs(record, system, settings, z=measured(record, system, RUNS))
-    assert side_by_side.pass_side_by_side(problem, settings, runs, False) is None
+    assert row_kernel.pass_side_by_side(problem, settings, runs, False) is None
     found = run_pass(problem, settings, runs, False, in_rows=True)
     np.testing.assert_array_equal(found.mean, run_pass(problem, settings, runs, False).mean)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.instruments import weigher
-from ident.compatibility.result import Compatibility, CompatibilitySettings
+from ident.compatibility.signals import weigher
+from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from sim.errors import RecordError
 from sim.record import Channel, Record
 from tests.oracles import undeclared_flights as flights

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.fault_sets import charge_of, leaves_a_reference, reference_sentence
-from ident.compatibility.faults import ARM, DELAY, LAG, SCALE, SensorFault
-from ident.compatibility.grouping import chance_of
-from ident.compatibility.result import Compatibility, CompatibilitySettings
+from ident.compatibility.fault_sets import chance_of, charge_of, leaves_a_reference, reference_sentence
+from ident.compatibility.kinematics import ARM, DELAY, LAG, SCALE, SensorFault
+from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from sim.record import Channel, Record
 from tests.oracles import undeclared_flights as flights
 from tests.oracles.flight_path import UNITS, Sensors, fly, shown

@@ -9,10 +9,8 @@ import pytest
 
 from ident.compatibility.check import compatibility
 from ident.compatibility.fitting import fit
-from ident.compatibility.instruments import instruments_of, weigher
-from ident.compatibility.noise import whitener
-from ident.compatibility.result import Compatibility, CompatibilitySettings
-from ident.compatibility.signals import signals_of
+from ident.compatibility.signals import instruments_of, signals_of, weigher, whitener
+from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from sim.record import Channel, Record
 from tests.oracles import undeclared_flights as flights
 from tests.oracles.undeclared_flights import TRAINER

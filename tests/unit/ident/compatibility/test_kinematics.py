@@ -7,11 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.compatibility.faults import SensorFault
 from ident.compatibility.fitting import fit
-from ident.compatibility.noise import NoiseModel, smoothed_walk, walk_gains, whitener
-from ident.compatibility.signals import Signals, relations, signals_of
-from ident.compatibility.unknowns import evaluate, linearised, start_of, unknowns_of
+from ident.compatibility.kinematics import SensorFault, evaluate, linearised, start_of, unknowns_of
+from ident.compatibility.signals import KinematicSignals, RelationNoise, relations, signals_of, smoothed_walk, walk_gains, whitener
 from tests.oracles.flight_path import Sensors
 from tests.unit.ident.compatibility.flights import ALL, FOUR, SPEED, THREE, record
 
@@ -73,7 +71,7 @@ def test_a_fault_of_size_zero_changes_nothing_and_the_slope_is_that_of_small_siz
     assert slope[:, :, -1] == pytest.approx((step[:, 0] - step[:, 1]) / 0.006, rel=0.2, abs=0.02 * float(np.abs(slope[:, :, -1]).max()) + 1e-9)
 
 
-def dense(s: Signals, noise: NoiseModel) -> np.ndarray:
+def dense(s: KinematicSignals, noise: RelationNoise) -> np.ndarray:
     """Covariance of the residual, samples of one time beside each other: white noise and the sums of what the inputs added so far."""
     m, n = s.valid.shape
     gains = walk_gains(s, noise)
@@ -92,8 +90,8 @@ def test_whitening_and_smoothing_are_those_of_the_dense_covariance(channels: tup
     m, n = s.valid.shape
     rng = np.random.default_rng(4)
     begun = fit([s]).noise
-    noise = NoiseModel(begun.outputs, begun.inputs, begun.white * 2.0, begun.density * 300.0)
-    s = Signals(s.name, s.time, s.channels, s.outputs, np.ones_like(s.valid), s.speed, s.gravity, s.vane_arm, s.jumps, s.spikes)
+    noise = RelationNoise(begun.outputs, begun.inputs, begun.white * 2.0, begun.density * 300.0)
+    s = KinematicSignals(s.name, s.time, s.channels, s.outputs, np.ones_like(s.valid), s.speed, s.gravity, s.vane_arm, s.jumps, s.spikes)
     r = rng.standard_normal((m, n)) * np.sqrt(noise.white)[:, None]
     S, flat = dense(s, noise), r.T.ravel()
     white = whitener(s, noise)
@@ -114,7 +112,7 @@ def test_a_missing_sample_says_nothing() -> None:
     s = signals_of(record(FOUR).window(3.0, 4.5), FOUR, SPEED, 9.80665)
     noise, rng = fit([s]).noise, np.random.default_rng(5)
     valid = rng.random(s.valid.shape) < 0.7
-    holed = Signals(s.name, s.time, s.channels, s.outputs, valid, s.speed, s.gravity, s.vane_arm, s.jumps, s.spikes)
+    holed = KinematicSignals(s.name, s.time, s.channels, s.outputs, valid, s.speed, s.gravity, s.vane_arm, s.jumps, s.spikes)
     r = np.where(valid, rng.standard_normal(valid.shape) * np.sqrt(noise.white)[:, None], 0.0)
     keep = valid.T.ravel()
     S, flat = dense(s, noise)[np.ix_(keep, keep)], r.T.ravel()[keep]

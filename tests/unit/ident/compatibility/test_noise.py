@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.noise import resolution, roughness
-from ident.compatibility.result import CompatibilitySettings
+from ident.compatibility.signals import resolution, roughness
+from ident.compatibility.trials import CompatibilitySettings
 from tests.recorded_flight import flight, rounded
 
 COUNT = 20_000

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import FilterSettings, run_ekf
-from ident.filters.history import breakdown
+from ident.filters.one_record import Exponential
+from ident.filters.problem import breakdown
 from ident.filters.smoother import smooth
-from ident.filters.transition import Exponential
 from ident.filters.ukf import run_ukf
 from sim.declaration.compile import compile_model
 from sim.propagation import euler_step

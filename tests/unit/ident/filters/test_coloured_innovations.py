@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
-from ident.filters.coloured_innovations import coloured_innovations, with_coloured_covariance
-from ident.filters.ekf import run_ekf
-from ident.filters.iterated_ekf import run_iterated_ekf
-from ident.filters.smoother import smooth
-from ident.whole_record.output_error import FitSettings, fit_output_error
+from ident.filters.ekf import run_ekf, run_iterated_ekf
+from ident.filters.smoother import coloured_innovations, smooth, with_coloured_covariance
+from ident.whole_record.layout import FitSettings
+from ident.whole_record.output_error import fit_output_error
 from sim.declaration.compile import compile_model
 from sim.record import Record
 from tests.linear_problem import matched_record, matrices, oscillator, record_of

@@ -10,7 +10,7 @@ import pytest
 
 from ident.estimate import Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_by_complex_step, filter_by_filterpy, filter_by_table, run_ekf
-from ident.filters.transition import Exponential, Taylor, Transition
+from ident.filters.one_record import Exponential, Taylor, Transition
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet
 from sim.declaration.model import Noise

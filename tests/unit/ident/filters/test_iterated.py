@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
-from ident.filters.ekf import FilterSettings, run_ekf
-from ident.filters.iterated_ekf import run_iterated_ekf
-from ident.filters.transition import Exponential
-from ident.whole_record.output_error import FitSettings, fit_output_error
+from ident.filters.ekf import FilterSettings, run_ekf, run_iterated_ekf
+from ident.filters.one_record import Exponential
+from ident.whole_record.layout import FitSettings
+from ident.whole_record.output_error import fit_output_error
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet
 from sim.declaration.model import Model, Noise

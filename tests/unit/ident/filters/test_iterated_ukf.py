@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
-from ident.filters.ekf import FilterSettings
-from ident.filters.iterated_ekf import run_iterated_ekf
-from ident.filters.iterated_ukf import run_iterated_ukf
+from ident.filters.ekf import FilterSettings, run_iterated_ekf
+from ident.filters.one_record import Taylor
 from ident.filters.smoother import smooth
-from ident.filters.transition import Taylor
-from ident.filters.ukf import run_ukf
+from ident.filters.ukf import run_iterated_ukf, run_ukf
 from scenarios.identification.identify import identify
 from sim.declaration.compile import compile_model
 from sim.propagation import make_grid

@@ -9,8 +9,8 @@ import pytest
 
 from ident.estimate import FilterHistory
 from ident.filters.ekf import FilterSettings, run_ekf
+from ident.filters.one_record import Taylor
 from ident.filters.smoother import smooth
-from ident.filters.transition import Taylor
 from sim.declaration.compile import compile_model
 from tests.linear_problem import oscillator, record_of
 

@@ -8,11 +8,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-import ident.filters.ekf as ekf
 from ident.estimate import Estimate, FilterHistory, Outcome
+from ident.filters import ekf
 from ident.filters.ekf import FilterSettings, filter_by_complex_step, filter_by_table, run_ekf
+from ident.filters.one_record import Exponential, Taylor
 from ident.filters.problem import FilterProblem, filter_problem
-from ident.filters.transition import Exponential, Taylor
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise, System
 from sim.effects.dynamics.derivative_jump import DerivativeJump

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.filters.transition import Exponential, Taylor, Transition, log_gaussian
+from ident.filters.one_record import Exponential, Taylor, Transition, log_gaussian
 from tests.oracles.kalman import fundamental, process_noise
 
 CASES = [(Taylor(2), 2), (Taylor(3), 3), (Taylor(6), 6), (Exponential(), None)]

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from ident.estimate import Outcome
 from ident.filters.ekf import FilterSettings, run_ekf
+from ident.filters.one_record import Exponential, Taylor, Transition
 from ident.filters.smoother import smooth
-from ident.filters.transition import Exponential, Taylor, Transition
 from ident.filters.ukf import run_ukf, slopes, square_root
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.estimate import Estimate, Outcome
-from ident.flying_qualities.handling_qualities import Criterion, Quality, criteria, level_of, levels, qualities
+from ident.flying_qualities.levels import Criterion, Quality, criteria, level_of, levels, qualities
 from sim.errors import ModelError
 from tests.bases import LOES_CONSTANTS, LOES_VALUES
 

@@ -10,9 +10,8 @@ import pytest
 from scipy.stats import norm
 
 from ident.estimate import Estimate, Outcome
-from ident.flying_qualities.characteristics import Characteristics, characteristics, characteristics_at
-from ident.flying_qualities.handling_qualities import CATEGORIES, CLASSES, qualities
-from ident.flying_qualities.mode_levels import DETERMINED, DRAWS, Flown, ModeLevel, flown_as, mode_levels
+from ident.flying_qualities.levels import CATEGORIES, CLASSES, DETERMINED, DRAWS, Flown, ModeLevel, flown_as, mode_levels, qualities
+from ident.flying_qualities.modes import Characteristics, characteristics, characteristics_at
 from sim.declaration.compile import compile_model
 from sim.declaration.model import System
 from sim.errors import DeclarationError

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ident.flying_qualities.state_space import StateSpace, state_space, to_control
-from ident.flying_qualities.whole_axes import level_flight
+from ident.flying_qualities.modes import StateSpace, level_flight, state_space, to_control
 from ident.frequency_response.multitaper import model_response
 from scenarios.preparation.vehicle_model import model_of_file
 from sim.declaration.compile import compile_model

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from ident.estimate import Estimate, Outcome
-from ident.flying_qualities.modal import MODAL_UNITS, modal_estimate
-from ident.flying_qualities.whole_axes import lateral_modes, level_flight, longitudinal_modes
+from ident.flying_qualities.modes import MODAL_UNITS, lateral_modes, level_flight, longitudinal_modes, modal_estimate
 from sim.declaration.compile import compile_model
 from sim.declaration.model import System
 from sim.vehicles.factory import model_from_constants, model_of

@@ -13,7 +13,7 @@ from ident.frequency_domain import noise_spectrum
 from ident.frequency_domain.fit import fit_transforms
 from ident.frequency_domain.noise_spectrum import coloured, equal_bands
 from ident.frequency_domain.output_error import FrequencySettings, fit_frequency_domain, frequency_fit, from_best_start
-from ident.statistics.shares import clustered_share
+from ident.statistics.intervals import clustered_share
 from ident.whole_record.output_error import fit_output_error
 from scenarios.identification.frequency import delays_of
 from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from ident.maneuver_detection import KINDS, Signals, active_share, find_maneuvers
+from ident.maneuver_detection import KINDS, FlightSignals, active_share, find_maneuvers
 from sim.maneuvers import Maneuver, Sweep, doublet, orthogonal_multisines, pulse, three_two_one_one
 from tests.long_flights import LongFlight, Score, fly, score
 
@@ -83,7 +83,7 @@ def test_each_kind(kind: str, control: str, axis: str, scale: float) -> None:
     times, rest = quiet(180.0, 3)
     maneuver, length = FLOWN[kind]
     values = scale * (rest + maneuver(times))
-    (one,) = [each for each in find_maneuvers(Signals(times, {control: values}, {})) if each.kind != "trim"]
+    (one,) = [each for each in find_maneuvers(FlightSignals(times, {control: values}, {})) if each.kind != "trim"]
     assert (one.kind, one.axis, one.channel) == (kind, axis, control)
     assert one.start == pytest.approx(AT, abs=0.5)
     assert one.end == pytest.approx(AT + length, abs=0.8)
@@ -97,12 +97,12 @@ def test_noise_is_no_maneuver() -> None:
         times, values = quiet(600.0, seed)
         busy = lfilter([0.06], [1.0, -0.94], np.random.default_rng(seed + 50).standard_normal(times.size))
         inputs = {"elevator": values, "aileron": values + 0.01 * busy}
-        assert [each.kind for each in find_maneuvers(Signals(times, inputs, {})) if each.kind != "trim"] == []
+        assert [each.kind for each in find_maneuvers(FlightSignals(times, inputs, {})) if each.kind != "trim"] == []
 
 
 def test_inputs_that_do_not_move() -> None:
     times = np.arange(3000) / RATE
-    signals = Signals(times, {"elevator": np.full(3000, 0.1)}, {"nz": np.ones(3000), "phi": np.zeros(3000)})
+    signals = FlightSignals(times, {"elevator": np.full(3000, 0.1)}, {"nz": np.ones(3000), "phi": np.zeros(3000)})
     assert [each.kind for each in find_maneuvers(signals)] == ["trim"]
     assert active_share(signals) == 0.0
 
@@ -114,10 +114,10 @@ def test_multisines_together_and_a_control_that_follows() -> None:
     values = {
         name: quiet(120.0, seed)[1] + line(times) for seed, (name, line) in enumerate(zip(("elevator", "aileron", "rudder"), lines, strict=True))
     }
-    found = [each for each in find_maneuvers(Signals(times, values, {})) if each.kind != "trim"]
+    found = [each for each in find_maneuvers(FlightSignals(times, values, {})) if each.kind != "trim"]
     assert sorted(each.axis for each in found) == ["pitch", "roll", "yaw"]
     follower = {**values, "rudder": quiet(120.0, 2)[1] + 0.15 * (values["aileron"] - 0.03)}
-    found = [each for each in find_maneuvers(Signals(times, follower, {})) if each.kind != "trim"]
+    found = [each for each in find_maneuvers(FlightSignals(times, follower, {})) if each.kind != "trim"]
     assert sorted(each.axis for each in found) == ["pitch", "roll"]
 
 
@@ -132,7 +132,7 @@ def test_turn_and_pull_up() -> None:
         "nz": 1.0 / np.cos(bank) + 0.6 * pull + 0.01 * rng.standard_normal(times.size),
         "airspeed": np.full(times.size, 80.0),
     }
-    found = [each for each in find_maneuvers(Signals(times, {"elevator": elevator - 0.05 * pull}, outputs)) if each.kind != "trim"]
+    found = [each for each in find_maneuvers(FlightSignals(times, {"elevator": elevator - 0.05 * pull}, outputs)) if each.kind != "trim"]
     assert [(each.kind, each.axis) for each in found] == [("turn", "roll"), ("pull-up", "pitch")]
     turn, up = found
     assert turn.amplitude == pytest.approx(np.radians(35.0), rel=0.02)
@@ -150,7 +150,7 @@ def test_pauses_uneven_rows_and_missing_samples() -> None:
     rng = np.random.default_rng(2)
     q = np.where(rng.uniform(size=times.size) < 0.1, np.nan, 0.01 * rng.standard_normal(times.size))
     jitter = times + 0.2 / RATE * rng.uniform(-1.0, 1.0, times.size)
-    found = [each for each in find_maneuvers(Signals(jitter[kept], {"elevator": values[kept]}, {"q": q[kept]})) if each.kind != "trim"]
+    found = [each for each in find_maneuvers(FlightSignals(jitter[kept], {"elevator": values[kept]}, {"q": q[kept]})) if each.kind != "trim"]
     assert [each.kind for each in found] == ["doublet", "doublet"]
     assert [each.start for each in found] == [pytest.approx(40.0, abs=0.2), pytest.approx(150.0, abs=0.2)]
 
@@ -167,7 +167,7 @@ def test_t_values_are_those_of_the_regression() -> None:
         q[k + 1] = q[k] + (moment + 0.3 * rng.standard_normal()) / RATE
         alpha[k + 1] = alpha[k] + (q[k] - 0.9 * alpha[k]) / RATE
     noisy = elevator + 1e-5 * rng.standard_normal(times.size)
-    (one,) = [each for each in find_maneuvers(Signals(times, {"elevator": noisy}, {"alpha": alpha, "q": q})) if each.kind != "trim"]
+    (one,) = [each for each in find_maneuvers(FlightSignals(times, {"elevator": noisy}, {"alpha": alpha, "q": q})) if each.kind != "trim"]
     rows = slice(round((one.start - 1.0) * RATE), round((one.end + 4.0) * RATE))
     X = np.column_stack([alpha[rows], q[rows], elevator[rows], np.ones(rows.stop - rows.start)])
     sigma = 0.3 * np.sqrt(np.diag(np.linalg.inv(X.T @ X)))[:3]
@@ -186,7 +186,7 @@ def test_a_million_rows() -> None:
     inputs = {name: tiled.pop(name) for name in flight.inputs}
     inputs["stick"] = inputs["elevator"][::-1].copy()
     began = time.process_time()
-    found = find_maneuvers(Signals(np.arange(1_000_000) / RATE, inputs, tiled))
+    found = find_maneuvers(FlightSignals(np.arange(1_000_000) / RATE, inputs, tiled))
     assert time.process_time() - began < 5.0
     assert len(found) > 100
 
@@ -195,7 +195,7 @@ def test_a_short_record_without_noise() -> None:
     """Rest before the first level change takes one second, the whole record twenty, and the input is exact."""
     times = np.arange(1000) / RATE
     values = three_two_one_one(0.07, 0.5, 1.0)(times) - doublet(0.035, 1.0, 9.0)(times)
-    found = find_maneuvers(Signals(times, {"elevator": values}, {}))
+    found = find_maneuvers(FlightSignals(times, {"elevator": values}, {}))
     found = tuple(each for each in found if each.kind != "trim")
     assert [each.kind for each in found] == ["3-2-1-1", "doublet"]
     assert [each.start for each in found] == pytest.approx([1.0, 9.0], abs=0.1)
@@ -210,9 +210,9 @@ def test_a_control_that_moves_much_more_leads() -> None:
     motion = lfilter([0.1], [1.0, -0.9], rng.standard_normal(times.size))
     _, aileron = quiet(120.0, 10)
     aileron = aileron + doublet(0.008, 1.5, 60.0)(times)
-    alone = find_maneuvers(Signals(times, {"aileron": aileron, "rudder": rudder}, {}))
+    alone = find_maneuvers(FlightSignals(times, {"aileron": aileron, "rudder": rudder}, {}))
     assert [each.kind for each in alone if each.kind != "trim"] == ["doublet"]
-    both = find_maneuvers(Signals(times, {"aileron": aileron, "rudder": rudder + 0.15 * inside * motion}, {}))
+    both = find_maneuvers(FlightSignals(times, {"aileron": aileron, "rudder": rudder + 0.15 * inside * motion}, {}))
     assert [each for each in both if each.axis == "roll"] == []
 
 
@@ -221,7 +221,7 @@ def test_a_doublet_may_pause_between_its_halves(pause: float, kinds: list[str]) 
     """By no more than the shorter half lasts: two pulses that are further apart are two maneuvers."""
     times, rudder = quiet(120.0, 8)
     rudder = rudder + pulse(0.02, 1.2, 60.0)(times) - pulse(0.015, 0.9, 61.2 + pause)(times)
-    found = [each for each in find_maneuvers(Signals(times, {"rudder": rudder}, {})) if each.kind != "trim"]
+    found = [each for each in find_maneuvers(FlightSignals(times, {"rudder": rudder}, {})) if each.kind != "trim"]
     assert [each.kind for each in found] == kinds
     assert [found[0].start, found[-1].end] == pytest.approx([60.0, 62.1 + pause], abs=0.2)
 
@@ -230,7 +230,7 @@ def test_a_doublet_may_pause_between_its_halves(pause: float, kinds: list[str]) 
 def test_a_ramp_is_no_trim_point(control: str) -> None:
     times, values = quiet(300.0, 5)
     values = values + 0.1 * np.clip((times - 100.0) / 60.0, 0.0, 1.0)
-    found = find_maneuvers(Signals(times, {control: values}, {}))
+    found = find_maneuvers(FlightSignals(times, {control: values}, {}))
     assert all(each.end < 110.0 or each.start > 150.0 for each in found if each.kind == "trim")
     assert sum(each.end - each.start for each in found if each.kind == "trim") > 200.0
 
@@ -240,9 +240,9 @@ def test_a_step_that_is_not_taken_back(control: str) -> None:
     """A sharp change to another level that lasts is a step; the same change within twenty seconds is a new trim."""
     times, values = quiet(300.0, 11)
     sharp = values + 0.02 * (times > 100.0)
-    (one,) = [each for each in find_maneuvers(Signals(times, {control: sharp}, {})) if each.kind != "trim"]
+    (one,) = [each for each in find_maneuvers(FlightSignals(times, {control: sharp}, {})) if each.kind != "trim"]
     assert (one.kind, one.channel) == ("step", control)
     assert [one.start, one.end] == pytest.approx([100.0, 110.0], abs=0.1)
     assert one.amplitude == pytest.approx(0.02, rel=0.1)
     slow = values + 0.02 * np.clip((times - 100.0) / 20.0, 0.0, 1.0)
-    assert [each.kind for each in find_maneuvers(Signals(times, {control: slow}, {})) if each.kind != "trim"] == []
+    assert [each.kind for each in find_maneuvers(FlightSignals(times, {control: slow}, {})) if each.kind != "trim"] == []

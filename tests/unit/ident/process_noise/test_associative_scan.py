@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.process_noise.associative_scan import (
+from ident.process_noise.whitener import (
     Elements,
     advanced,
     combine_affine,

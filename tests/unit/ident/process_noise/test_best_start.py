@@ -9,9 +9,8 @@ import pytest
 
 from ident.estimate import Estimate, Outcome
 from ident.process_noise import filter_error
-from ident.process_noise.best_start import absurd_sigmas, fit_from_best_start, levels_at_limit
+from ident.process_noise.best_start import absurd_sigmas, fit_from_best_start, levels_at_limit, third_differences
 from ident.process_noise.filter_error import fit_filter_error
-from ident.process_noise.filter_error_fit import third_differences
 from ident.whole_record.layout import FitSettings, lay_out
 from sim.declaration.compile import compile_model
 from sim.effects.disturbance.gust_turbulence import GustTurbulence

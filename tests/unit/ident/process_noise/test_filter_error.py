@@ -18,9 +18,8 @@ from ident.process_noise.filter_error import (
     turbulence_worth_trying,
 )
 from ident.process_noise.innovations_model import SCALE, process_noise
-from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import fit_whole_records
-from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from ident.whole_record.output_error import fit_output_error
 from sim.declaration.compile import compile_model
 from sim.effects.sensor_path.sensor_step import SensorStep

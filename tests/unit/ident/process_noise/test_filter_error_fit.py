@@ -8,15 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.process_noise.filter_error_fit import (
-    _amplitudes,
-    _never_still,
-    _size_of_motion,
-    noise_start,
-)
-from ident.whole_record.fit_problem import FitProblem
+from ident.process_noise.best_start import _amplitudes, _never_still, _size_of_motion, noise_start
 from ident.whole_record.gauss_newton import Fit, evaluate
-from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise

@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.process_noise.innovations_model import ProcessNoise, process_noise
-from ident.process_noise.restricted_likelihood import restricted_levels
-from ident.whole_record.fit_problem import FitProblem
+from ident.process_noise.innovations_model import ProcessNoise, process_noise, restricted_levels
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
-from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from ident.whole_record.output_error import fit_covariance
 from sim.declaration.compile import compile_model
 from tests.linear_problem import STD, oscillator, record_of

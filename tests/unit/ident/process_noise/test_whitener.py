@@ -8,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from ident.process_noise.discretised import Variation, discretised, discretised_noise
 from ident.process_noise.innovations_model import process_noise
-from ident.process_noise.whitener import Whitener, filtered, whitener
-from ident.whole_record.fit_problem import FitProblem
+from ident.process_noise.whitener import Variation, Whitener, discretised, discretised_noise, filtered, whitener
 from ident.whole_record.gauss_newton import evaluate
-from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from ident.whole_record.record_problem import RecordProblem, record_problem
 from sim.declaration.compile import compile_model
 from sim.record import Channel, Record

@@ -9,8 +9,8 @@ import pytest
 import scipy.io
 from scipy.signal import butter, filtfilt, resample
 
-from ident.recording.finding import Certainty, Finding, Kind
 from ident.recording.inspection import inspect
+from ident.recording.series import Certainty, Kind, RecordFinding
 from sim.record import Channel, Record
 from tests.recorded_flight import Aircraft, altered, flight, rounded
 
@@ -23,7 +23,7 @@ def sound() -> Record:
     return flight(np.random.default_rng(3), duration=20.0)
 
 
-def filtered(record: Record) -> list[Finding]:
+def filtered(record: Record) -> list[RecordFinding]:
     return [one for one in inspect(record, Aircraft().expected) if one.kind is Kind.FILTERED]
 
 

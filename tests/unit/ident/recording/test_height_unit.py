@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.recording.finding import Certainty, Expectations, Finding, Kind
 from ident.recording.inspection import inspect
+from ident.recording.series import Certainty, Expectations, Kind, RecordFinding
 from sim.record import Channel, Record
 from tests.recorded_flight import altered, fall
 
@@ -29,7 +29,7 @@ def coast(rng: np.random.Generator, speed: float = 150.0, ballistic: float = 120
     return Record(0.05 * np.arange(len(rows)), (), (Channel.of("altitude", "m", np.array(rows) + 0.5 * rng.standard_normal(len(rows))),))
 
 
-def units(record: Record) -> list[Finding]:
+def units(record: Record) -> list[RecordFinding]:
     return [one for one in inspect(record, EXPECTED) if one.kind is Kind.UNIT]
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from ident.recording.finding import Certainty, Finding, Kind
 from ident.recording.inspection import inspect
+from ident.recording.series import Certainty, Kind, RecordFinding
 from sim.record import Channel, Record
 from tests.recorded_flight import Aircraft, altered, flight, rounded
 
@@ -25,7 +25,7 @@ def resampled(record: Record, rate: float, curve: str, names: tuple[str, ...] = 
     return altered(record, **dict.fromkeys(names, of))
 
 
-def interpolations(record: Record) -> list[Finding]:
+def interpolations(record: Record) -> list[RecordFinding]:
     return [one for one in inspect(record, Aircraft().expected) if one.kind is Kind.INTERPOLATED]
 
 

@@ -12,10 +12,9 @@ import scipy.io
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.recording.finding import Certainty, Finding, Kind
+from ident.recording.distorted_channels import _jumps
 from ident.recording.inspection import inspect
-from ident.recording.noise_level import _loud
-from ident.recording.zero_steps import _jumps
+from ident.recording.series import Certainty, Kind, RecordFinding, _loud
 from sim.record import Channel, Record
 from tests.recorded_flight import SIGMAS, UNITS, Aircraft, altered, flight
 
@@ -27,7 +26,7 @@ def sound() -> Record:
     return flight(np.random.default_rng(11), duration=20.0)
 
 
-def warned(record: Record) -> list[Finding]:
+def warned(record: Record) -> list[RecordFinding]:
     told = inspect(record, Aircraft().expected)
     assert all(one.certainty is Certainty.LIKELY for one in told), [one.sentence for one in told]
     return list(told)

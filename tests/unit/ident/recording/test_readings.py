@@ -7,11 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.recording.alternatives import all_readings
-from ident.recording.control import ControlPower, _fitted, control_power, sure
-from ident.recording.finding import Certainty, Expectations, Finding, Kind
 from ident.recording.inspection import inspect
-from ident.recording.motion import Columns, columns_of, disagreement, unexplained_lift
+from ident.recording.kinematic_relations import (
+    Columns,
+    ControlPower,
+    _fitted,
+    all_readings,
+    columns_of,
+    control_power,
+    disagreement,
+    sure,
+    unexplained_lift,
+)
+from ident.recording.series import Certainty, Expectations, Kind, RecordFinding
 from sim.record import Channel, Record
 from tests.recorded_flight import Aircraft, Controller, altered, controlled, drawn, exchanged, flight
 
@@ -24,7 +32,7 @@ def sound() -> Record:
     return flight(np.random.default_rng(21), offsets={"alpha": 0.06, "q": 0.01})
 
 
-def certain(record: Record, expected: Expectations = CRAFT.expected) -> Finding:
+def certain(record: Record, expected: Expectations = CRAFT.expected) -> RecordFinding:
     """The one finding that refuses a record."""
     (one,) = [one for one in inspect(record, expected) if one.certainty is Certainty.CERTAIN]
     return one

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.recording.finding import Certainty, Finding, Kind, shown
 from ident.recording.inspection import inspect
-from ident.recording.series import least_bit, series_of
+from ident.recording.series import Certainty, Kind, RecordFinding, least_bit, series_of, shown
 from sim.record import Channel, Record
 from tests.recorded_flight import SIGMAS, altered, fall, flight, rounded
 
@@ -25,7 +24,7 @@ def sound() -> Record:
     return flight(np.random.default_rng(RNG), offsets={"alpha": 0.08})
 
 
-def found(record: Record, kind: Kind) -> Finding:
+def found(record: Record, kind: Kind) -> RecordFinding:
     """The one finding; nothing else is a warning or masks."""
     told = [one for one in inspect(record) if one.certainty is not Certainty.NOTED]
     assert [one.kind for one in told] == [kind], [one.sentence for one in told]

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from exam.coverage.independent_flights import flown
 from ident.estimate import Outcome
 from ident.regression.equation_error import RegressionSettings, run_equation_error
-from ident.regression.local_polynomial import half_width_by_cross_validation, smoothed, windows
-from ident.regression.state_histories import rate_relations
+from ident.regression.state_histories import half_width_by_cross_validation, rate_relations, smoothed, windows
 from ident.whole_record.output_error import fit_output_error
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import ParameterSet
@@ -234,7 +233,7 @@ def test_even_windows_are_those_worked_out_one_by_one(monkeypatch: pytest.Monkey
     for half, degree in ((2, 1), (8, 2), (23, 3)):
         at_once = windows(time, valid, half, degree)
         with monkeypatch.context() as patched:
-            patched.setattr("ident.regression.local_polynomial._EVEN", -1.0)
+            patched.setattr("ident.regression.state_histories._EVEN", -1.0)
             each = windows(time, valid, half, degree)
         np.testing.assert_array_equal(at_once.first, each.first)
         np.testing.assert_allclose(at_once.value, each.value, atol=1e-11)

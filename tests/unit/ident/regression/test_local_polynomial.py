@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.regression.local_polynomial import HALF_WIDTHS, half_width_by_cross_validation, smoothed, windows
+from ident.regression.state_histories import HALF_WIDTHS, half_width_by_cross_validation, smoothed, windows
 
 
 def record_of(seed: int, noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ident.statistics.chi_square import deviation_factors, inside, mean_square_interval, quantile
+from ident.statistics.intervals import deviation_factors, inside, mean_square_interval, quantile
 
 
 @pytest.mark.parametrize("degrees", [1, 6, 99, 1602, 1602000])

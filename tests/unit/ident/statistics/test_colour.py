@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.statistics.coloured_covariance import autocovariance, corrected_covariance, effective_share
-from ident.whole_record.output_error import FitSettings, fit_output_error
+from ident.statistics.residual_spectrum import autocovariance, corrected_covariance, effective_share
+from ident.whole_record.layout import FitSettings
+from ident.whole_record.output_error import fit_output_error
 from sim.declaration.compile import compile_model
 from sim.record import Channel, Record
 from tests.bases import fly, rigid_flight, rigid_model

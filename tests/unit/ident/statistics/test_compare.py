@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from ident.estimate import Estimate, Outcome
-from ident.statistics.differences import compare_estimates
+from ident.statistics.residuals import compare_estimates
 from sim.errors import ModelError
 
 

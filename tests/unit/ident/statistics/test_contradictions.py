@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.statistics.contradictions import contradiction, shortfall
+from ident.statistics.residuals import contradiction, shortfall
 
 SIZES = st.floats(1e-3, 1e3)
 

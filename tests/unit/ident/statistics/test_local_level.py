@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.statistics.local_level import _differences, levelled
+from ident.statistics.noise_levels import _differences, levelled
 from ident.statistics.residuals import ljung_box
 
 RUNS = 150

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.statistics.noise_envelope import noise_envelope
+from ident.statistics.noise_levels import noise_envelope
 from sim.errors import RecordError
 from sim.record import Channel, Record
 

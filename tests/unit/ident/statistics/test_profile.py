@@ -11,13 +11,10 @@ import pytest
 
 from ident.frequency_domain import profiled as in_frequency
 from ident.frequency_domain.output_error import FrequencySettings, covariance_of, frequency_fit
-from ident.statistics.profile import DROP, LEVEL, ProfileInterval, profile_interval
-from ident.whole_record.best_start import fit_from_best_start
-from ident.whole_record.fit_problem import FitProblem
-from ident.whole_record.gauss_newton import fit_whole_records
-from ident.whole_record.layout import FitSettings, lay_out
-from ident.whole_record.output_error import shared_covariance
-from ident.whole_record.profiled import profile_intervals
+from ident.statistics.intervals import DROP, LEVEL, ProfileInterval, profile_interval
+from ident.whole_record.gauss_newton import fit_whole_records, profile_intervals
+from ident.whole_record.layout import FitProblem, FitSettings, lay_out
+from ident.whole_record.output_error import fit_from_best_start, shared_covariance
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.record import Channel, Record

@@ -7,14 +7,15 @@ import pytest
 from scipy.linalg import solve_discrete_lyapunov
 from scipy.stats import t
 
-from ident.statistics.coloured_covariance import sandwich, student_factor
 from ident.statistics.residual_spectrum import (
     RecordScores,
     autoregression,
     common_disturbance,
     joint_autoregressions,
     paired_autocovariance,
+    sandwich,
     score_covariance,
+    student_factor,
 )
 
 A1 = np.array([[-0.8, 0.2, 0.0], [0.1, -0.5, 0.1], [0.0, -0.3, -0.6]])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from ident.statistics.sensor_noise import _cosine_transform, sensor_noise, used_runs
+from ident.statistics.noise_levels import _cosine_transform, sensor_noise, used_runs
 
 SEEDS, SAMPLES, SIGMA = 60, 1000, 0.3
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import beta, binomtest, norm
 
-from ident.statistics.shares import clopper_pearson, clustered_share
+from ident.statistics.intervals import clopper_pearson, clustered_share
 
 PARAMETERS = 6
 

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
-from ident.statistics.normal_equations import LocalModel, local_model
-from ident.whole_record.fit_problem import FitProblem
+from ident.statistics.information import LocalModel, local_model
 from ident.whole_record.gauss_newton import Fit, arrived, carried, evaluate, fit_whole_records, without_sensitivities
-from ident.whole_record.layout import FitSettings, lay_out
-from ident.whole_record.noise_model import White
+from ident.whole_record.layout import FitProblem, FitSettings, White, lay_out
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet
 from sim.propagation import drive_from_record, make_grid, simulate

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ident.whole_record.noise_model import WHITE
+from ident.whole_record.layout import WHITE
 
 
 @pytest.mark.parametrize("smallest", [0.0, 1e-4, 100.0], ids=["no output", "one output", "both outputs"])

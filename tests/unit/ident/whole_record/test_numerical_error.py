@@ -10,8 +10,9 @@ from scipy.integrate import solve_ivp
 
 from ident.estimate import Estimate, Outcome
 from ident.regression.equation_error import run_equation_error
-from ident.whole_record.numerical_error import with_sampling_error
-from ident.whole_record.output_error import FitSettings, fit_output_error
+from ident.whole_record.gauss_newton import with_sampling_error
+from ident.whole_record.layout import FitSettings
+from ident.whole_record.output_error import fit_output_error
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System

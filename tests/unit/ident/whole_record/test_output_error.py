@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.estimate import Estimate, Outcome
+from ident.whole_record.layout import FitSettings, guess_states
 from ident.whole_record.linearise import linearise
-from ident.whole_record.output_error import FitSettings, fit_output_error
+from ident.whole_record.output_error import fit_output_error
 from ident.whole_record.record_problem import record_problem
-from ident.whole_record.trajectory_guess import guess_states
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import ParameterSet
 from sim.declaration.model import Model, System

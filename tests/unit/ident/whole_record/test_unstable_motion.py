@@ -9,11 +9,9 @@ import pytest
 
 from ident.estimate import Outcome
 from ident.regression.equation_error import run_equation_error
-from ident.whole_record.best_start import fit_from_best_start, quiet, runs_away
-from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records
-from ident.whole_record.layout import FitSettings, lay_out
-from ident.whole_record.output_error import fit_covariance, fit_output_error
+from ident.whole_record.layout import FitProblem, FitSettings, lay_out
+from ident.whole_record.output_error import fit_covariance, fit_from_best_start, fit_output_error, quiet, runs_away
 from ident.whole_record.unstable_motion import GROWN, fit_projected, fit_unstable, growth, projected_covariance
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet

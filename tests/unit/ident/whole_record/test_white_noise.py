@@ -9,10 +9,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 from scipy.stats import norm
 
-from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, evaluate
-from ident.whole_record.layout import FitLayout, FitSettings, lay_out
-from ident.whole_record.noise_model import WHITE, WeightedResiduals
+from ident.whole_record.layout import WHITE, FitLayout, FitProblem, FitSettings, WeightedResiduals, lay_out
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet
 from tests.linear_problem import oscillator, record_of

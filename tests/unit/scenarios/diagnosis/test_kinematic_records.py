@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.compatibility.result import CompatibilitySettings, SensorFinding
+from ident.compatibility.trials import CompatibilitySettings, SensorFinding
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.diagnosis.kinematic_records import LATERAL, LONGITUDINAL, OF_MODEL, kinematics_of
 from scenarios.diagnosis.kinematics import AGREES, CONTRADICTS, Kinematics, agreements, unnamed

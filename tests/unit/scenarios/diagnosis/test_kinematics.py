@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, SensorEstimate, SensorFinding
-from ident.compatibility.result import Quantity as Value
+from ident.compatibility.trials import CheckResult, Compatibility, CompatibilitySettings, SensorEstimate, SensorFinding
+from ident.compatibility.trials import FaultQuantity as Value
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.compatibility.check import check_files
 from scenarios.diagnosis.kinematic_records import ENOUGH, kinematics_of, kinematics_of_files, shortened, spread

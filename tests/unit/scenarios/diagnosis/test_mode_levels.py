@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.flying_qualities.characteristics import Characteristics
-from ident.flying_qualities.mode_levels import Flown
+from ident.flying_qualities.levels import Flown
+from ident.flying_qualities.modes import Characteristics
 from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.text import diagnosis_text, headline

@@ -98,7 +98,7 @@ def test_intervals_stand_beside_the_sigmas(method: str) -> None:
 
 
 def test_open_and_skewed_intervals_are_told() -> None:
-    from ident.statistics.profile import ProfileInterval
+    from ident.statistics.intervals import ProfileInterval
 
     some = [ProfileInterval("lag", 1.0, 0.5, 0.4, None), ProfileInterval("gain", 1.0, 0.1, 0.85, 1.4, better=1.0)]
     lines = interval_lines(some, {})

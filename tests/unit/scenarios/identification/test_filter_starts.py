@@ -13,7 +13,7 @@ import pytest
 from exam.coverage.estimators import write_flight
 from exam.coverage.independent_flights import flown, maneuver, motion
 from ident.estimate import Outcome
-from ident.filters.iterated_ekf import settled
+from ident.filters.ekf import settled
 from scenarios.identification.cautions import cautions_of
 from scenarios.identification.from_files import identify_files
 from scenarios.identification.identify import identify

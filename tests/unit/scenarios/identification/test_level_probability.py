@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import kstest
 
-from ident.flying_qualities.mode_levels import Flown, mode_levels
-from ident.flying_qualities.whole_axes import lateral_modes
+from ident.flying_qualities.levels import Flown, mode_levels
+from ident.flying_qualities.modes import lateral_modes
 from scenarios.identification.identify import identify
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Noise

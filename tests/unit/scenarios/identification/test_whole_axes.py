@@ -72,8 +72,7 @@ def test_a_derivative_that_is_left_out_is_held_at_zero() -> None:
 
 @pytest.mark.parametrize("model", list(TRUE))
 def test_the_modes_are_those_of_the_true_aircraft(model: str) -> None:
-    from ident.flying_qualities.modal import MODAL_UNITS
-    from ident.flying_qualities.whole_axes import lateral_modes, longitudinal_modes
+    from ident.flying_qualities.modes import MODAL_UNITS, lateral_modes, longitudinal_modes
     from sim.declaration.compile import compile_model
 
     system = compile_model(true_model(model))

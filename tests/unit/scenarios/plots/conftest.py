@@ -9,7 +9,7 @@ import pytest
 
 from ident.estimate import Estimate, FilterHistory
 from ident.filters.ekf import FilterSettings, run_ekf
-from ident.filters.transition import Taylor
+from ident.filters.one_record import Taylor
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import ParameterSet
 from sim.declaration.model import Model

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from ident.recording.finding import Expectations
+from ident.recording.series import Expectations
 from scenarios.files.writing import json_text
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.record_words import record_content, record_lines, record_rows

@@ -8,7 +8,7 @@ from scipy.linalg import null_space
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
-from ident.pooling.recurrence import Recurrence
+from ident.pooling import Recurrence
 from scenarios.survey.derivatives import TOLD, effects_over, estimates, over_flights
 from scenarios.survey.recurring import Recurring, recurring
 from tests.unit.scenarios.survey.made_up import DECLARED, TRUE, UNITS, flown, kept

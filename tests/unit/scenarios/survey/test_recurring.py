@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.special import expit, log_expit
 
-from ident.pooling.recurrence import CHANCE
+from ident.pooling import CHANCE
 from scenarios.survey.candidates import candidates, own_effects, starts_of
 from scenarios.survey.recurring import judged, recurring
 from tests.unit.scenarios.survey.made_up import Flown, flown, kept

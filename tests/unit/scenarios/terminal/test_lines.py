@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ident.flying_qualities.mode_levels import Flown, ModeLevel
+from ident.flying_qualities.levels import Flown, ModeLevel
 from ident.statistics.residuals import ResidualTest
 from scenarios.terminal.flying_qualities import level_text, levels_line
 from scenarios.terminal.numbers import test_line as line_of

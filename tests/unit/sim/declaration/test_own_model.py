@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from ident.whole_record.output_error import FitSettings, fit_output_error
+from ident.whole_record.layout import FitSettings
+from ident.whole_record.output_error import fit_output_error
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Biased, Model

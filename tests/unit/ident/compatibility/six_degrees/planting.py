@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ident.compatibility.faults import ARM, BELOW, BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, RIGHT, SCALE, SensorFault
+from ident.compatibility.kinematics import ARM, BELOW, BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, RIGHT, SCALE, SensorFault
 from tests.oracles.six_degrees import Faults
 
 SIZES = {SCALE: 0.1, DELAY: 0.06, LAG: 0.06, ARM: 3.0, RIGHT: 3.0, BELOW: 3.0}

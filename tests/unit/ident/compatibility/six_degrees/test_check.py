@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.faults import ARM, BOOM, PACKAGE, SCALE, SensorFault
-from ident.compatibility.instruments import shortened
-from ident.compatibility.result import Compatibility, CompatibilitySettings
+from ident.compatibility.kinematics import ARM, BOOM, PACKAGE, SCALE, SensorFault
+from ident.compatibility.signals import shortened
+from ident.compatibility.trials import Compatibility, CompatibilitySettings
 from scenarios.compatibility.text import odds
 from sim.errors import RecordError
 from sim.record import Channel, Record

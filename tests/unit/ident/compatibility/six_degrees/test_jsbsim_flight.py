@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.result import CompatibilitySettings
+from ident.compatibility.trials import CompatibilitySettings
 from sim.record import Channel, Record
 from tests.independent.jsbsim_aircraft import AIRCRAFT
 from tests.independent.jsbsim_axes import fly_axes

@@ -5,21 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.compatibility.faults import SensorFault
-from ident.compatibility.signals import Signals
-from ident.compatibility.six_degrees.channels import ready, recorded, relations
-from ident.compatibility.six_degrees.unknowns import evaluate, faults_of, linearised, unknowns_of
+from ident.compatibility.kinematics import SensorFault
+from ident.compatibility.signals import KinematicSignals
+from ident.compatibility.six_degrees.kinematics import evaluate, faults_of, linearised, ready, recorded, relations, unknowns_of
 from sim.record import Channel, Record
 from tests.oracles.six_degrees import LATERAL, NOISE, SPEED, UNITS, WHOLE, Faults, fly, shown
 from tests.unit.ident.compatibility.six_degrees.planting import planted, size_of
 
 
-def signals(channels: tuple[str, ...], faults: Faults, rate: float = 50.0, noise: float = 0.0) -> Signals:
+def signals(channels: tuple[str, ...], faults: Faults, rate: float = 50.0, noise: float = 0.0) -> KinematicSignals:
     record = shown(fly(), channels, faults, 0, rate, noise)
     return ready(record, recorded(record), SPEED, 9.80665, 0.0)[0]
 
 
-def true_unknowns(s: Signals) -> np.ndarray:
+def true_unknowns(s: KinematicSignals) -> np.ndarray:
     """The states as they start; nothing biased, no wind that climbs; attitude and angle of attack at their mean where they are not recorded."""
     flown, out = fly(), []
     for item in unknowns_of(s):
@@ -28,7 +27,7 @@ def true_unknowns(s: Signals) -> np.ndarray:
     return np.array(out)
 
 
-def left(s: Signals, faults: tuple[SensorFault, ...] = (), sizes: tuple[float, ...] = ()) -> np.ndarray:
+def left(s: KinematicSignals, faults: tuple[SensorFault, ...] = (), sizes: tuple[float, ...] = ()) -> np.ndarray:
     """Measured less reconstructed, in parts of the noise of each output: ``(m, N)``."""
     y = evaluate(s, unknowns_of(s), faults, true_unknowns(s)[None], np.array([sizes]).reshape(1, -1))[:, 0]
     measured = np.array([s.channels[name] for name in s.outputs])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.result import CompatibilitySettings
-from ident.compatibility.six_degrees.level_wings import LEVEL, misled_by_bank
+from ident.compatibility.six_degrees.kinematics import LEVEL, misled_by_bank
+from ident.compatibility.trials import CompatibilitySettings
 from sim.maths import G0
 from sim.record import Channel, Record
 from tests.unit.ident.compatibility.flights import FOUR, SPEED, record

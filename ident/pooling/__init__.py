@@ -1,1 +1,0 @@
-"""What many flights say together: common values, scatter between flights, effects that recur."""

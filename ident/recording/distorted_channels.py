@@ -1,0 +1,412 @@
+"""Distorted channels: flat extremes, steps of the zero, hum, filtered channels.
+
+At each row a straight line through the samples before and one through those after are extrapolated to the middle between them; their
+difference forgets a level, a slope and a curvature. What inputs and other channels explain of it, by least squares, is taken off.
+
+White noise of a sensor fills the spectrum up to half the sample rate, and a converter's rounding does so behind any filter. Where the
+spectrum is flat up to a cutoff and empty above it, what was written is not what was sampled.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import fdtri
+
+from ident.recording.series import Certainty, Kind, Number, RecordFinding, Series, runs_of, shown
+from ident.statistics.noise_levels import robust_sigma_about_zero
+
+# ---- Flat extremes
+
+FEWEST = 4  # samples at the level
+IN_A_ROW = 3
+CHANCE = 1e-6
+KINK = 6.0  # times the usual bend: the corner where a moving signal meets a level
+SEVERAL_BITS = 3.0
+BEYOND = 6.0  # standard deviations of the noise, from the channel's middle, so that it is a motion that is cut and not the noise
+CONTINUOUS = 0.3  # share of samples of an input that differ from the one before: a commanded square is flat and no fault
+
+
+def clipped(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
+    """Levels at which a channel is flat, the samples there masked; of an input, where it is only noted: it may stand at its stop."""
+    if is_input and np.mean(np.diff(series.values) != 0.0) < CONTINUOUS:
+        return []
+    out = []
+    for sign in (1.0, -1.0):
+        values = sign * series.values
+        level = float(np.max(values))
+        at = values == level
+        runs = runs_of(at)
+        # A run at either end of the record may be a rest.
+        inside = [(b, e) for b, e in runs if b > 0 and e < len(values)]
+        if np.count_nonzero(at) < FEWEST or not inside or max(e - b for b, e in inside) < IN_A_ROW:
+            continue
+        if _piles_up(series, values, level, at) or any(_cornered(series, values, b, e) for b, e in inside):
+            out.append(_finding(series, at, sign * level, "highest" if sign > 0 else "lowest", count, is_input=is_input))
+    return out
+
+
+def _piles_up(series: Series, values: np.ndarray, level: float, at: np.ndarray) -> bool:
+    """More samples at the level than noise leaves there, whose density falls towards an extreme."""
+    if not series.resolved or level - float(np.median(values)) < BEYOND * series.noise:
+        return False
+    width = max(series.least_bit, 0.25 * series.noise)
+    below = np.count_nonzero((values < level) & (values >= level - 3.5 * width))
+    per_level = below / 3.0 * (min(1.0, series.least_bit / width) if series.least_bit else 1e-6)
+    return _poisson_tail(int(np.count_nonzero(at)), 2.0 * per_level + 0.5) < CHANCE
+
+
+def _cornered(series: Series, values: np.ndarray, begin: int, end: int) -> bool:
+    """Whether a moving signal meets the level at a corner on both sides."""
+    if end - begin < IN_A_ROW or begin < 3 or end + 3 > len(values):
+        return False
+    around = np.concatenate([values[max(0, begin - 8) : begin], values[end : end + 8]])
+    before, behind = values[max(0, begin - 8) : begin], values[end : end + 8]
+    bends = np.concatenate([np.abs(np.diff(before, 2)), np.abs(np.diff(behind, 2))])
+    usual = float(np.median(bends)) if bends.size else math.inf
+    # The level cuts the slope at some place between two samples: the slope beside it is the one further out.
+    slopes = abs(float(values[begin - 1] - values[begin - 2])), abs(float(values[end + 1] - values[end]))
+    return len(around) > 8 and min(slopes) > max(KINK * usual, SEVERAL_BITS * series.least_bit, KINK * series.noise)
+
+
+def _finding(series: Series, at: np.ndarray, level: float, word: str, count: int, *, is_input: bool) -> RecordFinding:
+    runs = runs_of(at)
+    times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs if e - b > 1)
+    numbers = {"level": Number(level, series.unit)}
+    told = f"flat at its {word} value, {shown(level, series.unit)}, for {int(np.count_nonzero(at))} samples"
+    if is_input:
+        said = f"is {told}: at its stop, or clipped by the recorder"
+        return RecordFinding(
+            series.name, Kind.CLIPPED, Certainty.NOTED, said, "say which, if you know: a stop is felt by the vehicle", times, numbers
+        )
+    mask = np.zeros(count, dtype=bool)
+    mask[series.rows[at]] = True
+    remedy = "widen the channel's range, or fly a smaller maneuver"
+    return RecordFinding(series.name, Kind.CLIPPED, Certainty.COSTS_INFORMATION, f"is clipped: {told}", remedy, times, numbers, mask)
+
+
+def _poisson_tail(count: int, mean: float) -> float:
+    """Probability of ``count`` or more."""
+    if count > 50.0 + 10.0 * mean:
+        return 0.0
+    below = sum(math.exp(k * math.log(mean) - mean - math.lgamma(k + 1)) for k in range(count))
+    return max(0.0, 1.0 - below)
+
+
+# ---- A channel that jumps within one sample and stays
+
+REACH = 0.25  # s, of either line: a quarter of a quick short period
+ZERO_STEPS_FEWEST, MOST = 5, 25  # samples of a line
+# Standard deviations: the extreme of 3000 correlated Gaussian rows is 4.5; motion that lines do not follow makes the tails of a clean record longer.
+SURE = 8.0
+ABOVE_ITS_SURROUNDINGS = 3.0  # times the largest elsewhere within SURROUNDINGS, where the motion is as lively
+SURROUNDINGS = 1.0  # s
+OTHERS_QUIET = 4.0  # standard deviations that no other channel's jump exceeds at that row
+INPUT_QUIET = 0.05  # of an input's span
+INPUT_APART = 0.6  # of a line's length, to which a step of an input must keep: kinks are followed to first order only
+PARTNER = 0.7  # of a jump: one of the other sign within two windows makes it a bump; a step by itself has side lobes of 0.35
+CORNER, CORNER_REACH = 4.0, 0.8  # standard deviations; s on either side of a jump of nz
+MANY = 3  # jumps told of one channel
+
+
+def zero_steps(
+    series: Sequence[Series], inputs: Sequence[Series], masked: Mapping[str, np.ndarray], gravity_over_speed: float | None = None
+) -> list[RecordFinding]:
+    """Jumps of single channels, a warning each; ``masked``: by channel the rows that are masked already. ``gravity_over_speed`` in 1/s:
+
+    with it a jump of nz is known for a load where the path of alpha bends as a load bends it.
+    """
+    if not series or len(series[0].values) < 4 * ZERO_STEPS_FEWEST:
+        return []
+    step = float(np.median(np.diff(series[0].time)))
+    length = int(np.clip(round(REACH / step), ZERO_STEPS_FEWEST, MOST))
+    rows = np.unique(np.concatenate([each.rows for each in series]))
+    if len(rows) < 6 * length:
+        return []
+    values = {each.name: _filtered(each, rows, masked.get(each.name)) for each in (*series, *inputs)}
+    jumps = {name: _jumps(column, length) for name, column in values.items()}
+    # A step of the control is a kink of the pitch rate: the input's sum goes beside it.
+    driven = [_jumps(np.cumsum(values[each.name] - np.mean(values[each.name])), length) for each in inputs]
+    weight = float(np.sqrt(2.0 * np.sum(_weights(length) ** 2)))
+    quiet = {each.name: max(weight * each.noise + each.least_bit, _usual(jumps[each.name])) for each in series}
+    still = _still([values[each.name] for each in inputs], len(rows), round(INPUT_APART * length))
+    out = []
+    for each in series:
+        left = _unexplained(jumps[each.name], [*(jumps[name] for name in jumps if name != each.name), *driven])
+        for at in _peaks(left, weight * each.noise + each.least_bit, length, round(min(SURROUNDINGS / step, len(left)))):
+            near = slice(max(0, at - 2), at + 3)
+            calm = all(np.max(np.abs(jumps[other.name][near])) < OTHERS_QUIET * quiet[other.name] for other in series if other is not each)
+            if each.name == "nz" and _is_load(series, values, rows[at + length], float(left[at]), gravity_over_speed):
+                continue
+            if calm and still[at + length] and not _touches(masked.get(each.name), rows[at : at + 2 * length]):
+                out.append(_zero_steps_finding(each, rows[at + length], float(left[at])))
+    return out
+
+
+def _is_load(series: Sequence[Series], values: Mapping[str, np.ndarray], row: int, size: float, gravity_over_speed: float | None) -> bool:
+    """If alpha - int (q - (g/V) nz) dt goes straight through a jump of nz, as it does where the jump is a load; a zero that steps makes a corner.
+
+    The corner is told where it would be ``CORNER`` standard deviations of the noise of alpha.
+    """
+    known = {each.name: each for each in series}
+    time = known["nz"].time
+    if gravity_over_speed is None or not {"alpha", "q"} <= set(known) or len(time) != len(values["nz"]):
+        return False
+    at = time[np.searchsorted(known["nz"].rows, row)]
+    near = np.abs(time - at) < CORNER_REACH
+    t = time[near] - at
+    rate = (values["q"] - gravity_over_speed * (values["nz"] - np.mean(values["nz"])))[near]
+    path = values["alpha"][near] - np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+    matrix = np.stack([np.ones(len(t)), t, np.maximum(t, 0.0)])
+    inverse = np.linalg.pinv(matrix @ matrix.T)
+    corner, std = float((inverse @ (matrix @ path))[2]), known["alpha"].noise * float(np.sqrt(inverse[2, 2]))
+    expected = abs(gravity_over_speed * size)
+    return expected > CORNER * std and abs(corner) < 0.5 * expected
+
+
+def _still(inputs: Sequence[np.ndarray], count: int, apart: int) -> np.ndarray:
+    """Rows at which no input steps within ``apart`` rows."""
+    steps = np.zeros(count)
+    for values in inputs:
+        steps[1:-1] += np.abs(np.diff(values, 2)) > INPUT_QUIET * float(np.ptp(values))
+    return np.asarray(np.convolve(steps, np.ones(2 * apart + 3), mode="same") < 0.5)
+
+
+def _zero_steps_finding(series: Series, row: int, size: float) -> RecordFinding:
+    time = float(series.time[min(int(np.searchsorted(series.rows, row)), len(series.time) - 1)])
+    load = ", or a load did that nothing recorded" if series.name in ("nz", "az") else ""
+    told = f"jumps by {shown(size, series.unit)} at {time:.4g} s and stays, while no input and no other channel jumps: its zero stepped{load}"
+    numbers = {"time": Number(time, "s"), "step": Number(size, series.unit)}
+    remedy = "give the parts before and after as segments, --from and --to in pairs"
+    return RecordFinding(series.name, Kind.ZERO_STEP, Certainty.LIKELY, told, remedy, ((time, time),), numbers)
+
+
+def _filtered(series: Series, rows: np.ndarray, masked: np.ndarray | None) -> np.ndarray:
+    """A channel on common rows, gaps and masked samples bridged, lone wrong samples taken out by a median of three."""
+    good = np.ones(len(series.rows), dtype=bool) if masked is None else ~masked[series.rows]
+    if np.count_nonzero(good) < 2:
+        return np.zeros(len(rows))
+    values = np.interp(rows, series.rows[good], series.values[good])
+    return np.concatenate([values[:1], np.median(np.stack([values[:-2], values[1:-1], values[2:]]), axis=0), values[-1:]])
+
+
+def _weights(length: int) -> np.ndarray:
+    """Of samples at 0.5, 1.5, ... in the value at 0 of the straight line through them."""
+    position = np.arange(length) + 0.5
+    matrix = np.stack([np.ones(length), position])
+    return np.asarray(np.linalg.solve(matrix @ matrix.T, matrix)[0])
+
+
+def _jumps(values: np.ndarray, length: int) -> np.ndarray:
+    """Line after less line before, between rows ``k + length - 1`` and ``k + length``, for every k."""
+    weights = _weights(length)
+    kernel = np.concatenate([-weights[::-1], weights])
+    return np.asarray(np.correlate(values, kernel, mode="valid"))
+
+
+def _unexplained(jump: np.ndarray, others: Sequence[np.ndarray]) -> np.ndarray:
+    """What other channels' jumps do not explain, by least squares without the largest."""
+    moving = [other for other in others if np.any(other)]
+    if not moving:
+        return jump
+    rows = np.stack(moving).T
+    keep = np.ones(len(jump), dtype=bool)
+    left = jump
+    for _ in range(2):
+        coefficients = np.linalg.lstsq(rows[keep], jump[keep], rcond=None)[0]
+        left = jump - rows @ coefficients
+        keep = np.abs(left) < 4.0 * _usual(left)
+        if np.count_nonzero(keep) < 4 * rows.shape[1]:
+            break
+    return np.asarray(left)
+
+
+def _usual(jump: np.ndarray) -> float:
+    return max(robust_sigma_about_zero(jump), 1e-300)
+
+
+def _peaks(left: np.ndarray, noise: float, length: int, around: int) -> list[int]:
+    """Rows of jumps that stand above the noise and their surroundings and have no partner of the other sign."""
+    size = np.abs(left)
+    out: list[int] = []
+    least = SURE * max(_usual(left), noise)
+    taken = np.zeros(len(left), dtype=bool)
+    for at in np.argsort(size)[::-1][: 20 * MANY]:
+        if size[at] < least or len(out) > MANY:
+            break
+        if taken[at]:
+            continue
+        taken[max(0, at - 2 * length) : at + 2 * length + 1] = True
+        near = slice(max(0, at - 2 * length), at + 2 * length + 1)
+        opposite = float(np.max(-np.sign(left[at]) * left[near]))
+        away = np.concatenate([size[max(0, at - around - length) : max(0, at - length)], size[at + length + 1 : at + length + around + 1]])
+        if opposite < PARTNER * size[at] and (not away.size or size[at] > ABOVE_ITS_SURROUNDINGS * float(np.max(away))):
+            out.append(int(at))
+    return out if len(out) <= MANY else []
+
+
+def _touches(masked: np.ndarray | None, rows: np.ndarray) -> bool:
+    return masked is not None and bool(np.any(masked[rows]))
+
+
+# ---- Hum
+
+LOWEST = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
+EVEN = 0.02  # of the usual step, within which steps are even
+HUM_FEWEST, LONGEST = 128, 20_000  # samples that are needed, and looked at
+AROUND, BESIDE = 24, 3  # frequencies whose median is the floor, and those next to a line that belong to it
+# Power over the floor's mean is exponentially distributed under noise: ln(number of frequencies/chance), a third more for the floor's own scatter.
+HUM_CHANCE, MARGIN = 1e-5, 1.35
+PARTS, MOST_PARTS = 6, 16  # a strong line is looked at in finer parts, so that ringing after each step shows
+FINER = 80.0  # of N (amplitude/noise)^2 for a part: its amplitude is then known to a seventh
+COHERENT = 0.85  # share of the parts' power that their sum keeps: 1 for one phase and amplitude, 1/6 for noise
+STEADY = 2.5  # ratio of the largest to the smallest amplitude of 16 parts: 1.8 by noise at most once in a hundred hums
+MATTERS = 0.3  # of the channel's noise, below which a line changes no estimate
+OF_BIT = 0.5  # of the least bit: rounding of a periodic motion makes lines below that
+IN_INPUT = 1e-4  # of an input's span, from which a line of one phase in it may be what the output answers to
+
+
+def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
+    """A warning of a line above the motion: frequency, amplitude. Structure rings down and follows its excitation; a hum does neither."""
+    series = replace(series, time=series.time[:LONGEST], values=series.values[:LONGEST])
+    step = np.diff(series.time)
+    usual = float(np.median(step)) if step.size else 0.0
+    n = len(series.values)
+    if n < HUM_FEWEST or np.max(np.abs(step - usual)) > EVEN * usual or 0.5 / usual <= LOWEST:
+        return None
+    # Differences take the motion down, which falls with frequency; what they do to a line is undone below.
+    bent = np.diff(series.values, 2)
+    window = np.hanning(len(bent) + 2)[1:-1]
+    power = np.abs(np.fft.rfft(window * (bent - np.mean(bent)))) ** 2
+    frequency = np.fft.rfftfreq(len(bent), usual)
+    first = int(np.searchsorted(frequency, LOWEST))
+    ratio = _over_floor(power / np.maximum(2.0 * np.sin(math.pi * frequency * usual), 1e-3) ** 4, first)
+    if not ratio.size:
+        return None
+    peak = first + int(np.argmax(ratio))
+    if ratio[peak - first] < MARGIN * math.log(len(ratio) / HUM_CHANCE):
+        return None
+    at = _refined(bent, usual, float(frequency[peak]), float(frequency[1]))
+    amplitude = float(abs(np.mean(_parts(bent, usual, at, PARTS))))
+    finer = n * (amplitude / max(series.noise, 1e-6 * amplitude)) ** 2 / FINER
+    parts = _parts(bent, usual, at, int(np.clip(min(finer, at * n * usual / 4.0), PARTS, MOST_PARTS)))
+    sizes = np.abs(parts)
+    if _coherence(parts) < COHERENT or np.max(sizes) > STEADY * np.min(sizes) or amplitude < max(MATTERS * series.noise, OF_BIT * series.least_bit):
+        return None
+    if any(_in_input(other, at) for other in inputs):
+        return None
+    told = f"hums at {at:.4g} Hz with an amplitude of {shown(amplitude, series.unit)}, the same in phase and size throughout"
+    told += f"; a hum above {0.5 / usual:.3g} Hz, half the sample rate, shows as a lower frequency"
+    numbers = {"frequency": Number(at, "Hz"), "amplitude": Number(amplitude, series.unit)}
+    remedy = "filter all channels alike with --lowpass below it, or mend the wiring; mains is at 50 or 60 Hz, aircraft supply at 400 Hz"
+    return RecordFinding(series.name, Kind.HUM, Certainty.LIKELY, told, remedy, (), numbers)
+
+
+def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
+    """Each frequency's power over the mean of its neighbours', from their median; from ``first`` on, the last left out."""
+    some = power[first:-1]
+    if len(some) < AROUND:
+        return np.zeros(0)
+    padded = np.pad(some, AROUND, mode="reflect" if len(some) > AROUND else "edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1)
+    beside = np.delete(windows, np.s_[AROUND - BESIDE : AROUND + BESIDE + 1], axis=1)
+    floor = np.median(beside, axis=1) / math.log(2.0)
+    return np.asarray(some / np.maximum(floor, 1e-300))
+
+
+def _refined(bent: np.ndarray, step: float, near: float, apart: float) -> float:
+    """The line's frequency between two bins, Hz."""
+    number = np.arange(len(bent))
+    window = np.hanning(len(bent) + 2)[1:-1]
+    grid = near + apart * np.linspace(-1.0, 1.0, 41)
+    turn = np.exp(-2j * math.pi * step * grid[:, None] * number[None, :])
+    return float(grid[int(np.argmax(np.abs(turn @ (window * bent))))])
+
+
+def _parts(bent: np.ndarray, step: float, at: float, count: int) -> np.ndarray:
+    """The line's complex amplitude in each part of the record, of the channel itself whose second differences are ``bent``."""
+    number = np.arange(len(bent))
+    turned = bent * np.exp(-2j * math.pi * at * step * number)
+    gain = (2.0 * math.sin(math.pi * at * step)) ** 2
+    parts = []
+    for rows in np.array_split(number, count):
+        weights = np.hanning(len(rows) + 2)[1:-1]
+        parts.append(2.0 * complex(np.sum(weights * turned[rows]) / np.sum(weights)) / gain)
+    return np.array(parts)
+
+
+def _coherence(parts: np.ndarray) -> float:
+    power = float(np.mean(np.abs(parts) ** 2))
+    return float(abs(np.mean(parts)) ** 2) / power if power > 0.0 else 0.0
+
+
+def _in_input(other: Series, at: float) -> bool:
+    """Whether an input has the line itself, one phase throughout, as a periodic one has at its harmonics; at its own sample rate."""
+    step = float(np.median(np.diff(other.time)))
+    parts = _parts(np.diff(other.values[:LONGEST], 2), step, at, PARTS)
+    return abs(np.mean(parts)) > IN_INPUT * other.span and _coherence(parts) > 0.5
+
+
+# ---- Channels whose noise ends at a frequency
+
+BAND_LIMITED_FEWEST, BAND_LIMITED_LONGEST = 256, 20_000  # samples that are needed, and looked at
+BAND_LIMITED_EVEN = 0.02  # of the usual step, within which steps are even
+BANDS = 40  # of equal width, up to half the sample rate
+EMPTY = 1e-4  # of the level below the cutoff, that no band above it exceeds: noise of a hundredth of the size
+# Ratio of the first empty frequency to the last flat one. Power falls by 1e-4 within 1.8 behind Butterworth filters of order
+# 4 that run both ways; behind an analog filter of order 4, as recorders have against aliasing, within 3.2.
+STEEP = 1.8
+LEAST_FLAT, LEAST_EMPTY = 4, 4  # bands
+BAND_LIMITED_CHANCE = 1e-3  # that a part of a flat spectrum is called uneven
+WIDENED = 2.0  # frequencies of a windowed spectrum for an independent one
+
+
+def band_limited(series: Series) -> RecordFinding | None:
+    """A note of a channel that has noise up to a cutoff and none above; None for any other, and where steps are uneven or few.
+
+    A filter that falls less steeply, and a channel whose noise does not show above its motion, are not recognised.
+    """
+    time, values = series.time[:BAND_LIMITED_LONGEST], series.values[:BAND_LIMITED_LONGEST]
+    step = np.diff(time)
+    usual = float(np.median(step)) if step.size else 0.0
+    if len(values) < BAND_LIMITED_FEWEST or np.max(np.abs(step - usual)) > BAND_LIMITED_EVEN * usual:
+        return None
+    levels, bins = _levels(values), len(values) / 2.0 / BANDS
+    for flat in range(BANDS - LEAST_EMPTY - 1, 2 * LEAST_FLAT - 1, -1):
+        below = levels[flat // 2 : flat]
+        first = int(np.ceil(STEEP * flat))
+        above = levels[min(first, BANDS - LEAST_EMPTY) :]
+        if np.max(above) >= EMPTY * np.median(below) or not _flat(below, 2.0 * bins / WIDENED):
+            continue
+        cutoff = 0.5 * flat / BANDS / usual
+        share = flat / BANDS
+        told = f"has noise up to about {cutoff:.3g} Hz and none above, of {0.5 / usual:.3g} Hz that its samples could hold"
+        told += f": it was filtered or resampled before it was written, and one sample in {1.0 / share:.2g} is independent"
+        remedy = "export the channel as it was recorded; else residuals are not white, and sigmas for white noise too small"
+        numbers = {"cutoff": Number(cutoff, "Hz")}
+        return RecordFinding(series.name, Kind.FILTERED, Certainty.NOTED, told, remedy, (), numbers)
+    return None
+
+
+def _levels(values: np.ndarray) -> np.ndarray:
+    """Mean power of a channel in each band ``(BANDS,)``, by second differences, which take the motion down, and a window that leaks 1e-9."""
+    bent = np.diff(values, 2)
+    phase = 2.0 * np.pi * (np.arange(len(bent)) + 0.5) / len(bent)
+    window = 0.35875 - 0.48829 * np.cos(phase) + 0.14128 * np.cos(2.0 * phase) - 0.01168 * np.cos(3.0 * phase)
+    power = np.abs(np.fft.rfft(window * (bent - np.mean(bent))))[1:] ** 2
+    share = np.arange(1, len(power) + 1) / len(power)
+    power = power / (2.0 * np.sin(0.5 * np.pi * share)) ** 4
+    band = np.minimum((BANDS * share).astype(int), BANDS - 1)
+    return np.asarray(np.bincount(band, weights=power, minlength=BANDS) / np.bincount(band, minlength=BANDS))
+
+
+def _flat(levels: np.ndarray, freedom: float) -> bool:
+    """Whether the halves of a part of the spectrum have one level, and its first and last quarter, for the degrees of freedom of a band."""
+    for count in (len(levels) // 2, max(len(levels) // 4, 1)):
+        ratio = float(np.mean(levels[:count]) / np.mean(levels[-count:]))
+        if max(ratio, 1.0 / ratio) > fdtri(count * freedom, count * freedom, 1.0 - BAND_LIMITED_CHANCE):
+            return False
+    return True
