@@ -41,7 +41,7 @@ def fit_seconds(scenario: str, folder: Path, runs: int) -> tuple[float, int]:
     from ident.whole_record.output_error import fit_output_error
     from scenarios.files.records import read_record
     from scenarios.files.vehicles import read_any_vehicle
-    from scenarios.preparation.vehicle_model import model_of_file
+    from scenarios.preparation.declared_model import model_of_file
     from sim.declaration.compile import compile_model
 
     train, _, vehicle = fly(scenario, folder, (*RATE, "hidden=[]", CONSISTENT))

@@ -20,7 +20,7 @@ import numpy as np
 from ident.banks.bank import bank_runs, run_bank
 from ident.banks.delays import DELAYS
 from ident.filters.ekf import FilterSettings, run_ekf
-from scenarios.identification.low_order_filter import PAPER_START, loes_filter_system
+from scenarios.identification.low_order import PAPER_START, loes_filter_system
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.nonlinear import fly_closed_loop, three_two_one_one
 from sim.declaration.model import System

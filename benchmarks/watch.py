@@ -27,7 +27,7 @@ from ident.banks.delays import DELAYS
 from ident.banks.online import BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
 from scenarios.commands.watch import _prepared, _written
 from scenarios.files.writing import write_record
-from scenarios.identification.low_order_filter import PAPER_START, loes_filter_system
+from scenarios.identification.low_order import PAPER_START, loes_filter_system
 from scenarios.watching.history import History
 from scenarios.watching.lines import growing_file, lines_of
 from scenarios.watching.session import take

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 
-from scenarios.cli.signals import ending_signals
+from scenarios.cli.application import ending_signals
 
 # Name -> module and function of its command line, and what it examines; `tabled` takes the name first.
 EXAMINATIONS: Mapping[str, tuple[str, str, str]] = {

@@ -26,21 +26,16 @@ from exam.detection import (
 from exam.options import exam_reproduction
 from exam.repeated import Flights, Flown, LoopFlights, fly_all
 from scenarios.files.declarations import named_after
-from scenarios.files.folders import study_folder
-from scenarios.files.versions import versions
-from scenarios.files.writing import write_json
+from scenarios.files.sources import versions
+from scenarios.files.writing import study_folder, write_json
 from scenarios.pages.folder import write_page
-from scenarios.pages.model import Page, section
-from scenarios.pages.printed import rows_table
-from scenarios.pages.reproduction import now
-from scenarios.pages.wording import capital, sentence
+from scenarios.pages.model import Page, as_sentence, capital, now, section
+from scenarios.pages.tables import rows_table
 from scenarios.plots.formats import USUAL, Formats
-from scenarios.tasks.manner import Manner, stopped
-from scenarios.tasks.study import Tell
-from scenarios.terminal.paragraphs import terminal_width
+from scenarios.tasks.study import Manner, Tell, stopped
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.summary import details_in, written_to
-from scenarios.terminal.tables import columns_of, table_lines
+from scenarios.terminal.tables import columns_of, table_lines, terminal_width
 
 ROOT = 1  # of the seeds, where none is asked for and no scenario has one
 GAIN = 25.0  # expected gain of the log likelihood of a weak effect: nearly all are found from here
@@ -225,11 +220,11 @@ def _page(name: str, tabled: Tabled, done: Flown, rows: Rows) -> Page:
         kind="Campaign of the tracing loop",
         verdict="",
         tone="plain",
-        sentence=sentence(tabled.title),
+        sentence=as_sentence(tabled.title),
         summary=(),
-        warnings=(sentence(done.failed),) if done.failed else (),
+        warnings=(as_sentence(done.failed),) if done.failed else (),
         sections=section("What was found", rows_table(capital(tabled.title), tabled.headings, rows)),
-        reproduction=exam_reproduction(command, sentence(done.words)),
+        reproduction=exam_reproduction(command, as_sentence(done.words)),
         created=now(),
     )
 

@@ -16,8 +16,8 @@ from exam.random_cases.flying import simulated
 from exam.random_cases.vehicles import NOISE
 from exam.scoring import share_of_flights, share_within_flights
 from scenarios.diagnosis.diagnose import diagnose_files
-from scenarios.preparation.request import Request
-from scenarios.studies.campaign_statistics.bound import cramer_rao
+from scenarios.preparation.plan import Request
+from scenarios.studies.campaign_statistics import cramer_rao
 from scenarios.trials.planted.declaration import TraceFlight
 from scenarios.trials.planted.flights import flown_plan, fly_trace, write_flown
 from scenarios.trials.planted.hiding import true_vehicle

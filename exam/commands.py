@@ -21,9 +21,9 @@ from exam.options import Parser, ended_in_one_line, figures_of, manner_of, seed
 from exam.surrogates.catalogue import USUAL, load_surrogate, surrogate_names
 from scenarios.files.declarations import named_after
 from scenarios.studies.catalogue import scenario_file
-from scenarios.terminal.paragraphs import terminal_width
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.summary import details_in, written_to
+from scenarios.terminal.tables import terminal_width
 from sim.errors import DeclarationError
 
 
@@ -149,8 +149,7 @@ def _add_surrogate(parser: Parser) -> None:
 def _write_records(name: str, changes: Sequence[str], asked_seed: int | None, out: Path) -> None:
     """``FILE.csv`` asked for gives ``FILE_1.csv``, ``FILE_2.csv`` ... and ``FILE_vehicle.toml``."""
     from exam.surrogates.flights.flight import fly_surrogate, vehicle_text
-    from scenarios.files.folders import files_together
-    from scenarios.files.writing import write_record
+    from scenarios.files.writing import files_together, write_record
 
     if out.suffix != ".csv":
         what = f"{out.suffix or 'no'} ending"

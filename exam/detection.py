@@ -21,7 +21,7 @@ from ident.statistics.intervals import clopper_pearson
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record
-from scenarios.preparation.request import Request
+from scenarios.preparation.plan import Request
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, Noise
 from sim.effects.library import find_effect

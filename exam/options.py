@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from scenarios.files.versions import versions
+from scenarios.files.sources import versions
 from scenarios.pages.model import Reproduction
 from scenarios.plots.formats import Formats, formats_of
-from scenarios.tasks.manner import Manner
+from scenarios.tasks.study import Manner
 from sim.errors import FlightidError
 
 STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of the signal

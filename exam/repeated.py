@@ -10,10 +10,8 @@ from enum import Enum
 from functools import cached_property
 from typing import Any, Protocol
 
-from scenarios.tasks.manner import Manner
-from scenarios.tasks.rows import Table
-from scenarios.tasks.study import Tell, run_study
-from scenarios.tasks.work import Row, Task, Work
+from scenarios.tasks.study import Manner, Tell, run_study
+from scenarios.tasks.work import Row, RowTable, Task, Work
 
 FOUND, TAKEN, SECONDS = "found", "taken", "seconds"  # columns: what was found as JSON, the time of its diagnosis; the field that has it
 
@@ -51,7 +49,7 @@ class LoopFlights:
             rows.append({FOUND: json.dumps(self._types.dump_python(timeless), default=_plain, ensure_ascii=False), TAKEN: taken})
         return rows
 
-    def read(self, table: Table) -> list[Any]:
+    def read(self, table: RowTable) -> list[Any]:
         """What was found of each flight that has a row, in order."""
         found = []
         for text, taken in zip(table.columns[FOUND], table.times[TAKEN].tolist(), strict=True):
@@ -82,7 +80,7 @@ def _plain(value: object) -> object:
 class Flights(Work, Protocol):
     """Work whose rows are read as what was found of each flight."""
 
-    def read(self, table: Table) -> list[Any]: ...
+    def read(self, table: RowTable) -> list[Any]: ...
 
 
 @dataclass(frozen=True)

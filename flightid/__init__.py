@@ -17,21 +17,13 @@ from flightid.hiding import refuse_hidden
 
 if TYPE_CHECKING:
     from flightid import plot
-    from scenarios.api.campaign import Campaign, campaign
-    from scenarios.api.check import Check, check
-    from scenarios.api.diagnosis import Diagnosis, diagnose
-    from scenarios.api.errors import InputError
-    from scenarios.api.fleets.survey import Survey, survey
-    from scenarios.api.identification import Identification, identify
-    from scenarios.api.libraries import effects, models, scenarios, vehicles
-    from scenarios.api.maneuvers import Maneuvers, find_maneuvers
-    from scenarios.api.planning.design import Design, design
-    from scenarios.api.prediction import Prediction, predict
-    from scenarios.api.records.record import Record, read_record
-    from scenarios.api.response import FrequencyResponse, frequency_response
-    from scenarios.api.shown.parameters import Parameter, Parameters
-    from scenarios.api.shown.table import Table
-    from scenarios.api.study import Study, run, simulate
+    from scenarios.api.checks import Check, FrequencyResponse, Maneuvers, check, find_maneuvers, frequency_response
+    from scenarios.api.diagnosis import Diagnosis, Survey, diagnose, survey
+    from scenarios.api.identification import Identification, Prediction, identify, predict
+    from scenarios.api.record import Record, read_record
+    from scenarios.api.shown import Parameter, Parameters
+    from scenarios.api.study import Campaign, Design, Study, campaign, design, run, simulate
+    from scenarios.api.tables import InputError, Table, effects, models, scenarios, vehicles
     from scenarios.api.vehicle import Vehicle, vehicle
     from sim.declaration import own_model
 
@@ -39,21 +31,21 @@ if TYPE_CHECKING:
 
 # Where each name stands.
 _EXPORTS = {
-    **dict.fromkeys(("Campaign", "campaign"), "campaign"),
-    **dict.fromkeys(("Check", "check"), "check"),
-    **dict.fromkeys(("Design", "design"), "planning.design"),
+    **dict.fromkeys(("Campaign", "campaign"), "study"),
+    **dict.fromkeys(("Check", "check"), "checks"),
+    **dict.fromkeys(("Design", "design"), "study"),
     **dict.fromkeys(("Diagnosis", "diagnose"), "diagnosis"),
-    **dict.fromkeys(("FrequencyResponse", "frequency_response"), "response"),
-    "InputError": "errors",
+    **dict.fromkeys(("FrequencyResponse", "frequency_response"), "checks"),
+    "InputError": "tables",
     **dict.fromkeys(("Identification", "identify"), "identification"),
-    **dict.fromkeys(("effects", "models", "scenarios", "vehicles"), "libraries"),
-    **dict.fromkeys(("Maneuvers", "find_maneuvers"), "maneuvers"),
-    **dict.fromkeys(("Parameter", "Parameters"), "shown.parameters"),
-    **dict.fromkeys(("Prediction", "predict"), "prediction"),
-    **dict.fromkeys(("Record", "read_record"), "records.record"),
+    **dict.fromkeys(("effects", "models", "scenarios", "vehicles"), "tables"),
+    **dict.fromkeys(("Maneuvers", "find_maneuvers"), "checks"),
+    **dict.fromkeys(("Parameter", "Parameters"), "shown"),
+    **dict.fromkeys(("Prediction", "predict"), "identification"),
+    **dict.fromkeys(("Record", "read_record"), "record"),
     **dict.fromkeys(("Study", "run", "simulate"), "study"),
-    **dict.fromkeys(("Survey", "survey"), "fleets.survey"),
-    "Table": "shown.table",
+    **dict.fromkeys(("Survey", "survey"), "diagnosis"),
+    "Table": "tables",
     **dict.fromkeys(("Vehicle", "vehicle"), "vehicle"),
 }
 
@@ -110,7 +102,7 @@ def __getattr__(name: str) -> Any:
     elif name == "own_model":
         value = import_module("sim.declaration").own_model
     elif name == "__version__":
-        from scenarios.files.versions import own_version
+        from scenarios.files.sources import own_version
 
         value = own_version()
     else:

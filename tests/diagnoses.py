@@ -26,7 +26,7 @@ from ident.tracing.verdict import not_noise
 from scenarios.diagnosis.tracing import Inputs, Tracing
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.declared_model import model_of_file
 from sim.record import Channel, Hold, Record
 
 LEFT = "what is left lies in q, near 3.1 Hz, and follows the input"

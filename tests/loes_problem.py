@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from scenarios.identification.low_order_filter import loes_filter_system
+from scenarios.identification.low_order import loes_filter_system
 from sim.declaration.compile import compile_model
 from sim.declaration.model import System
 from sim.record import Channel, Record

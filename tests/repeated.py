@@ -9,8 +9,7 @@ import numpy as np
 
 from ident.banks.bank import run_bank
 from scenarios.studies.declaration import Estimation, Scenario, seen_by
-from scenarios.studies.estimating import assumed_noise, compiled, declared_model, filter_settings, vehicle_constants
-from scenarios.studies.flying import fly_scenario
+from scenarios.studies.estimating import assumed_noise, compiled, declared_model, filter_settings, fly_scenario, vehicle_constants
 from scenarios.studies.study import references
 from sim.truth.flight import remeasure
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.peers.names import CONSTANTS, DERIVATIVES, OUTPUTS
 from scenarios.studies.catalogue import load_scenario
-from scenarios.studies.flying import fly_scenario, true_model
+from scenarios.studies.estimating import fly_scenario, true_model
 from sim.truth.flight import remeasure
 
 

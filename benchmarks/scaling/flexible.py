@@ -15,8 +15,7 @@ from ident.filters.ekf import run_ekf
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_output_error
 from scenarios.studies.catalogue import load_scenario
-from scenarios.studies.estimating import assumed_noise, declared_model, flight_constants
-from scenarios.studies.flying import fly_scenario
+from scenarios.studies.estimating import assumed_noise, declared_model, flight_constants, fly_scenario
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.record import Record
@@ -68,7 +67,7 @@ def fitted(record: Record, model: Model) -> Callable[[], Any]:
 
 def flown(record: Record, model: Model) -> Callable[[], Any]:
     """A simulation with the noise of the sensors, an elevator that moves as the record's."""
-    from scenarios.studies.flying import maneuvers_by_input
+    from scenarios.studies.estimating import maneuvers_by_input
     from sim.truth.flight import fly
 
     plans = load_scenario("flexible-ac1-full-order").flight.maneuvers

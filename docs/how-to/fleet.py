@@ -16,7 +16,7 @@ import numpy as np
 
 from scenarios.files.vehicles import read_vehicle
 from scenarios.files.writing import write_record
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.declared_model import model_of_file
 from sim.declaration.effect import full_name
 from sim.declaration.model import Noise
 from sim.effects.library import effects_for

@@ -21,9 +21,8 @@ import numpy as np
 from exam.coverage.independent_flights import MODELS, NOISES, Flight, flown
 from exam.options import Parser
 from ident.statistics.intervals import clopper_pearson, clustered_share
-from scenarios.identification.from_files import identify_files
-from scenarios.preparation.plan import Plan
-from scenarios.preparation.request import Request
+from scenarios.identification.identify import identify_files
+from scenarios.preparation.plan import Plan, Request
 from sim.errors import FlightidError
 from sim.record import Hold
 

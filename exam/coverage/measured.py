@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from exam.coverage.plan import SEED
-from scenarios.studies.campaign import fly_campaign
-from scenarios.studies.campaign_causes.findings import Finding, judge
-from scenarios.studies.campaign_causes.text import cause_sentences, cause_word
-from scenarios.studies.campaign_statistics.statistics import ParameterStatistics
+from scenarios.studies.campaign import Rebuilt, fly_campaign
+from scenarios.studies.campaign_causes import Finding, judge
+from scenarios.studies.campaign_report import cause_sentences, cause_word
+from scenarios.studies.campaign_statistics import ParameterStatistics
 from scenarios.studies.catalogue import load_document, load_scenario
-from scenarios.studies.runs.work import Rebuilt
-from scenarios.tasks.manner import Manner
+from scenarios.tasks.study import Manner
 
 
 def measured(name: str, method: str, runs: int, jobs: int | None = 1) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from exam.coverage.plan import HIGH, IDENTIFIABLE, LOW
-from scenarios.pages.wording import sentence
+from scenarios.pages.model import as_sentence
 
 HEAD = """# Whether the sigmas of every scenario hold
 
@@ -59,7 +59,7 @@ def _section(campaign: Mapping[str, Any], *, first: bool) -> str:
     heading = f"\n## {campaign['scenario']}\n" if first else ""
     left = "" if campaign["settled"] == campaign["runs"] else f", of which {campaign['settled']} settled"
     rows = "".join(_row(name, each) for name, each in campaign["parameters"].items())
-    why = "".join(f"\n- {sentence(each)}" for each in campaign["because"])
+    why = "".join(f"\n- {as_sentence(each)}" for each in campaign["because"])
     return f"{heading}\n{_capital(campaign['label'])} (`{campaign['method']}`), {campaign['runs']} runs{left}:\n\n{COLUMNS}{rows}" + (
         f"{why}\n" if why else ""
     )

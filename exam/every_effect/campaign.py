@@ -16,12 +16,11 @@ from exam.scores.content import score_cells, scores_content
 from exam.scores.page import drawn_scores
 from exam.scores.rates import Scores
 from exam.scores.text import scores_blocks
-from scenarios.files.folders import study_folder
-from scenarios.files.versions import versions
-from scenarios.files.writing import write_json, write_text
+from scenarios.files.sources import versions
+from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.pages.folder import write_page
 from scenarios.plots.formats import USUAL, Formats
-from scenarios.terminal.paragraphs import WIDTH
+from scenarios.terminal.tables import WIDTH
 
 NAME = "every-effect"
 SCHEMA = "flightid/campaign/1"

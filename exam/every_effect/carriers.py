@@ -12,7 +12,7 @@ from exam.clean import FLOWN, WRONG
 from exam.random_cases.case import Setting
 from exam.random_cases.vehicles import CONTROL, RATES, as_sampled, drawn_flights, drawn_vehicle, vehicle_file
 from exam.random_cases.vehicles import NOISE as OF_PAPERS
-from scenarios.studies.flying import maneuvers_by_input, resting
+from scenarios.studies.estimating import maneuvers_by_input, resting
 from scenarios.trials.planted.declaration import RecordPlan, TraceScenario
 from scenarios.trials.planted.flights import started_file
 from scenarios.trials.planted.hiding import true_vehicle

@@ -14,7 +14,7 @@ from exam.every_effect.drawing import begun, drawn
 from exam.every_effect.kinds import Instance, effect_of
 from exam.every_effect.sizing import Scale, amount_for
 from scenarios.files.writing import write_record
-from scenarios.preparation.request import Request
+from scenarios.preparation.plan import Request
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 

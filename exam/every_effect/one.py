@@ -15,11 +15,10 @@ from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.report.files import write_diagnosis
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.folders import study_folder
-from scenarios.files.writing import write_json
+from scenarios.files.writing import study_folder, write_json
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.tasks.work import Task, seed_of
-from scenarios.terminal.paragraphs import WIDTH
+from scenarios.terminal.tables import WIDTH
 
 
 @dataclass(frozen=True, eq=False)

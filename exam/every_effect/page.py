@@ -8,10 +8,8 @@ from exam.options import exam_reproduction
 from exam.repeated import Flown
 from exam.scores.page import scores_sections
 from exam.scores.rates import NOTHING, Scores, false_share, right_share
-from scenarios.pages.model import Page, Prose, section
-from scenarios.pages.reproduction import now
-from scenarios.pages.wording import sentence
-from scenarios.plots.page.named import Drawn
+from scenarios.pages.model import Page, Prose, as_sentence, now, section
+from scenarios.plots.formats import Drawn
 
 EXPLAINED = (
     "In each flight one effect of the library, or nothing, is hidden with values drawn from the flight's seed; the loop is given two records and a "
@@ -34,13 +32,13 @@ def every_effect_page(done: Flown, scores: Scores, runs: int, effects: Sequence[
         kind="Campaign of the tracing loop",
         verdict="false names" if clean.count else "no false name" if clean.of else "",
         tone="fair" if clean.count else "good" if clean.of else "plain",
-        sentence=sentence(told),
-        summary=(sentence(false),),
-        warnings=(sentence(done.failed),) if done.failed else (),
+        sentence=as_sentence(told),
+        summary=(as_sentence(false),),
+        warnings=(as_sentence(done.failed),) if done.failed else (),
         sections=(
             *scores_sections(scores, drawn),
             *section("How it was made", Prose(EXPLAINED), Prose("One flight again, by its number in flights.csv:"), Prose(one, "code")),
         ),
-        reproduction=exam_reproduction(command, sentence(done.words)),
+        reproduction=exam_reproduction(command, as_sentence(done.words)),
         created=now(),
     )

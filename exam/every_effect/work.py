@@ -16,8 +16,7 @@ from exam.every_effect.kinds import Instance, chosen, effect_of
 from exam.scores.scored_flight import Outcome, ScoredFlight, Stated, claims_of, outcome_of, over_noise, parameter_errors, plain_name, stated_by
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.tasks.rows import Table
-from scenarios.tasks.work import Cell, Row, Task
+from scenarios.tasks.work import Cell, Row, RowTable, Task
 from sim.declaration.proposal import Curve
 
 TAKEN = "diagnosis_seconds"  # of the processor
@@ -84,7 +83,7 @@ class EveryEffect:
         names = tuple(self.kinds)
         return fly_hidden(self.kinds[names[task.number % len(names)]], task.number // len(names), task.seed)
 
-    def read(self, table: Table) -> list[HiddenEffectFlight]:
+    def read(self, table: RowTable) -> list[HiddenEffectFlight]:
         """Flights of a table that have a row, in order."""
         return [_read(table, at) for at in range(len(table)) if not table.columns["error"][at]]
 
@@ -167,7 +166,7 @@ def _comparable(flown: Flown) -> Mapping[str, float]:
     return {} if not flown.name or isinstance(effect_of(Instance(flown.carrier.model, flown.name)), Curve) else flown.values
 
 
-def _read(table: Table, at: int) -> HiddenEffectFlight:
+def _read(table: RowTable, at: int) -> HiddenEffectFlight:
     def cell(name: str) -> str:
         return str(table.columns[name][at])
 

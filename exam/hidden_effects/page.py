@@ -16,11 +16,9 @@ from exam.hidden_effects.text import (
 from exam.options import exam_reproduction
 from exam.repeated import Flown
 from exam.scores.page import scores_sections
-from scenarios.pages.model import Page, section
-from scenarios.pages.printed import rows_table
-from scenarios.pages.reproduction import now
-from scenarios.pages.wording import capital, sentence
-from scenarios.plots.page.named import Drawn
+from scenarios.pages.model import Page, as_sentence, capital, now, section
+from scenarios.pages.tables import rows_table
+from scenarios.plots.formats import Drawn
 from scenarios.trials.planted.declaration import TraceScenario
 
 
@@ -36,13 +34,13 @@ def campaign_page(scenario: TraceScenario, done: Flown, drawn: Sequence[Drawn] =
         verdict="false claims" if false else "no false claim",
         tone="fair" if false else "good",
         sentence=f"{right.count} of {right.of} flights give the expected answer.",
-        summary=(sentence(expected_line(scenario)),),
-        warnings=tuple(map(sentence, [*false, *([done.failed] if done.failed else [])])),
+        summary=(as_sentence(expected_line(scenario)),),
+        warnings=tuple(map(as_sentence, [*false, *([done.failed] if done.failed else [])])),
         sections=(
             *section("Verdicts", rows_table("Verdicts with their 95 % intervals", VERDICTS, verdict_rows(judged))),
             *section("How often the loop is right", rows_table("Shares with their 95 % intervals", SHARES, share_rows(judged))),
             *scores_sections(scores_of(judged), drawn),
         ),
-        reproduction=exam_reproduction(command, sentence(done.words)),
+        reproduction=exam_reproduction(command, as_sentence(done.words)),
         created=now(),
     )

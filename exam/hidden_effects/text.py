@@ -13,15 +13,12 @@ from exam.scores.content import scores_content
 from exam.scores.page import drawn_scores
 from exam.scores.text import scores_blocks
 from exam.scoring import Share
-from scenarios.files.folders import study_folder
-from scenarios.files.versions import versions
-from scenarios.files.writing import write_json
+from scenarios.files.sources import versions
+from scenarios.files.writing import study_folder, write_json
 from scenarios.pages.folder import write_page
 from scenarios.pages.model import Page
-from scenarios.plots.formats import USUAL, Formats
-from scenarios.plots.page.named import Drawn
-from scenarios.terminal.paragraphs import WIDTH
-from scenarios.terminal.tables import columns_of, table_lines
+from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.terminal.tables import WIDTH, columns_of, table_lines
 from scenarios.trials.planted.declaration import TraceScenario
 
 VERDICTS = ("verdict", "flights", "percent", "95 % interval")

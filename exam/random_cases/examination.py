@@ -22,7 +22,7 @@ from exam.random_cases.visible import all_visible
 from exam.scoring import same_fault
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record
-from scenarios.preparation.request import Request
+from scenarios.preparation.plan import Request
 from sim.declaration.model import Model
 from sim.errors import FlightidError, ModelError
 from sim.record import Record

@@ -13,7 +13,7 @@ from exam.random_cases.case import Case, CaseScore, Named
 from exam.random_cases.examination import examine
 from exam.random_cases.kinds import KINDS
 from exam.repeated import Flown, LoopFlights, fly_all
-from scenarios.tasks.manner import Manner
+from scenarios.tasks.study import Manner
 from scenarios.terminal.progress import progress_bar
 from sim.errors import DeclarationError
 

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, Field
 
 from scenarios.files.declarations import checked
-from scenarios.files.vehicles_schema import STRICT
+from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from sim.errors import DeclarationError
 
 PAPERS = ("simulated_flight_data", "short_period_dynamics")
@@ -22,7 +22,7 @@ _PRINTED = re.compile(rf"({_DIGITS})(?: (\+-|var|to) ({_DIGITS}))?")
 
 
 class _Strict(BaseModel):
-    model_config = STRICT
+    model_config = VEHICLES_SCHEMA_STRICT
 
 
 class Values(_Strict):

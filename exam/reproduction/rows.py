@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from exam.reproduction.declaration import Paper, Part, Printed, Values, digits, printed_of, printed_values
 from exam.reproduction.lookups import Found, Numbers
 from scenarios.files.units import to_si
-from scenarios.terminal.numbers import number
+from scenarios.terminal.quantities import number_text
 from sim.errors import DeclarationError
 
 # What the low-order fit to a loop's own frequency response has; L_q is held in it at the value that is flown.
@@ -91,7 +91,7 @@ def _shown(found: Found, group: Values, sign: float) -> Found:
 
 def _text(found: Found) -> str:
     if found.std:
-        return f"{_plain(number(found.value, found.std))} +- {_plain(number(found.std, found.std))}"
+        return f"{_plain(number_text(found.value, found.std))} +- {_plain(number_text(found.std, found.std))}"
     return _plain(f"{found.value:.4g}")
 
 

@@ -11,8 +11,8 @@ from exam.scores.rates import Scores, right_share, standings
 from exam.scores.reliability_figure import ReliabilityBin, figure_reliability
 from exam.scores.scored_flight import ScoredFlight, Standing
 from exam.scores.verdict_figures import VerdictRow, figure_confusion, figure_verdicts
-from scenarios.plots.files import Named
-from scenarios.plots.studies.consistency import CoverageRow, figure_coverage
+from scenarios.plots.drawing import Named
+from scenarios.plots.studies import CoverageRow, figure_coverage
 
 CONFUSED = "What was concluded (along) of what was hidden (up), % of its flights"
 

@@ -19,11 +19,9 @@ from exam.scores.tables import (
 )
 from exam.scores.text import CONCLUDED, NAMES, PARAMETERS, RIGHT, clean_sentence
 from scenarios.pages.folder import figures
-from scenarios.pages.model import Prose, Section, section
-from scenarios.pages.printed import rows_table
-from scenarios.pages.wording import capital, sentence
-from scenarios.plots.formats import Formats
-from scenarios.plots.page.named import Drawn
+from scenarios.pages.model import Prose, Section, as_sentence, capital, section
+from scenarios.pages.tables import rows_table
+from scenarios.plots.formats import Drawn, Formats
 
 _RATES, _CONFUSION, _RELIABILITY, _COVERAGE = "verdicts", "confusion", "reliability", "effect_coverage"
 
@@ -33,7 +31,7 @@ def drawn_scores(scores: Scores, name: str, folder: Path, formats: Formats) -> t
     if not formats or not scores.flights:
         return ()
     from exam.scores.figures import scores_figures
-    from scenarios.plots.page.drawing import drawn_for_page
+    from scenarios.plots.drawing import drawn_for_page
 
     return drawn_for_page(scores_figures(scores, name), folder, formats)
 
@@ -48,22 +46,22 @@ def scores_sections(scores: Scores, drawn: Sequence[Drawn] = ()) -> tuple[Sectio
     return (
         *section(
             "Answers by what was hidden",
-            Prose(sentence(RIGHT), "note"),
+            Prose(as_sentence(RIGHT), "note"),
             *figures(shown(_RATES)),
             rows_table("Rates of each verdict", RATES, rate_rows(scores)),
-            Prose(sentence(clean)) if clean else None,
+            Prose(as_sentence(clean)) if clean else None,
         ),
         *section("What is named", *figures(shown(_CONFUSION)), rows_table(capital(CONCLUDED), CONFUSED, confusion_rows(scores))),
         *section(
             "How reliable the probabilities of names are",
             *figures(shown(_RELIABILITY)),
             rows_table(capital(NAMES), SAID, said_rows(scores.flights)),
-            Prose(sentence(score)) if score else None,
+            Prose(as_sentence(score)) if score else None,
         ),
         *section(
             "How often sigmas of effects hold",
             *figures(shown(_COVERAGE)),
             rows_table("Parameters of effects within so many sigmas of the truth", COVERED, covered_rows(scores)),
-            Prose(sentence(PARAMETERS), "note") if any(flight.errors for flight in scores.flights) else None,
+            Prose(as_sentence(PARAMETERS), "note") if any(flight.errors for flight in scores.flights) else None,
         ),
     )

@@ -18,8 +18,7 @@ from exam.scores.tables import (
     rate_rows,
     said_rows,
 )
-from scenarios.terminal.paragraphs import WIDTH, wrapped
-from scenarios.terminal.tables import columns_of, table_lines
+from scenarios.terminal.tables import WIDTH, columns_of, table_lines, wrapped
 
 RIGHT = "rates of each verdict; right: what is hidden is named, or among the names of an ambiguous verdict, and nothing that does not act"
 CONCLUDED = "what was concluded in place of what was hidden"

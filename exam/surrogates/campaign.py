@@ -16,7 +16,7 @@ from exam.surrogates.declaration import Surrogate
 from exam.surrogates.pseudo_true import PseudoTrue, has_limit, pseudo_true
 from exam.surrogates.study import Naming, Progress, SurrogateStudy, acts, run_surrogate
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.studies.runs.identity import plain
+from scenarios.studies.campaign import plain
 from sim.declaration.proposal import Curve
 from sim.errors import FlightidError
 

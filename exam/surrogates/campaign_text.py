@@ -15,16 +15,13 @@ from exam.scoring import Share
 from exam.surrogates.campaign import Judged, by_derivative, by_effect, scores_of, shares
 from exam.surrogates.declaration import Surrogate
 from scenarios.diagnosis.report.content import bounded
-from scenarios.files.folders import study_folder
-from scenarios.files.versions import versions
-from scenarios.files.writing import write_json
+from scenarios.files.sources import versions
+from scenarios.files.writing import study_folder, write_json
 from scenarios.pages.folder import write_page
 from scenarios.pages.model import Page
-from scenarios.plots.formats import USUAL, Formats
-from scenarios.plots.page.named import Drawn
-from scenarios.terminal.paragraphs import WIDTH
+from scenarios.plots.formats import USUAL, Drawn, Formats
 from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import columns_of, table_lines
+from scenarios.terminal.tables import WIDTH, columns_of, table_lines
 
 SHARES = ("share", "count", "percent", "95 % interval")
 EFFECTS = ("hidden effect", "flights", "named alone", "in a group")

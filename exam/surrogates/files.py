@@ -11,7 +11,7 @@ from exam.surrogates.flights.flight import Flight, write_flight
 from exam.surrogates.page import scored_page
 from exam.surrogates.study import SurrogateStudy
 from scenarios.diagnosis.report.content import bounded, positive
-from scenarios.files.versions import versions
+from scenarios.files.sources import versions
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.trials.planted.files import write_trial
 

@@ -14,20 +14,18 @@ from exam.surrogates.campaign_text import EFFECTS, SHARES, TITLE, derivative_row
 from exam.surrogates.declaration import Surrogate
 from exam.surrogates.study import SurrogateStudy
 from exam.surrogates.text import against_nominal, flown_lines, hidden_text, score_text
-from scenarios.pages.model import Bullets, Page, section
-from scenarios.pages.printed import columns_table, rows_table
-from scenarios.pages.reproduction import now
-from scenarios.pages.wording import capital, sentence
-from scenarios.plots.page.named import Drawn
+from scenarios.pages.model import Bullets, Page, as_sentence, capital, now, section
+from scenarios.pages.tables import columns_table, rows_table
+from scenarios.plots.formats import Drawn
 
 
 def scored_page(study: SurrogateStudy, page: Page) -> Page:
     """The page of the diagnosis with the scenario's title, and the truth before what the loop says of itself."""
     surrogate = study.surrogate
-    told = sentence(f"truth: {hidden_text(study.flight.drawn)}; {score_text(study)}")
+    told = as_sentence(f"truth: {hidden_text(study.flight.drawn)}; {score_text(study)}")
     units = {row.name: row.after.unit for row in study.derivatives}
     table = columns_table("Derivatives against the nominal ones", against_nominal(study), units)
-    truth = section("Against the truth", table, Bullets(tuple(map(sentence, flown_lines(study.flight)))))
+    truth = section("Against the truth", table, Bullets(tuple(map(as_sentence, flown_lines(study.flight)))))
     again = exam_reproduction(("surrogate", surrogate.name, "--seed", str(study.seed)), f"Seed {study.seed}.")
     again = replace(again, inputs=page.reproduction.inputs)
     kind = f"Study {surrogate.name}: {page.kind}"
@@ -48,15 +46,15 @@ def campaign_page(surrogate: Surrogate, done: Flown, drawn: Sequence[Drawn] = ()
         kind=f"Campaign of {surrogate.name}",
         verdict="false claims" if false else "no false claim",
         tone="fair" if false else "good",
-        sentence=sentence(told),
-        summary=(sentence(verdict_counts(judged)),),
-        warnings=tuple(map(sentence, [*false, *([done.failed] if done.failed else [])])),
+        sentence=as_sentence(told),
+        summary=(as_sentence(verdict_counts(judged)),),
+        warnings=tuple(map(as_sentence, [*false, *([done.failed] if done.failed else [])])),
         sections=(
             *section("How often the loop is right", rows_table("Shares with their 95 % intervals", SHARES, share_rows(judged))),
             *section("Effect by effect", rows_table("Hidden effects", EFFECTS, effect_rows(judged))),
             *section("Derivative by derivative", rows_table(capital(TITLE), BY_DERIVATIVE, derivative_rows(judged))),
             *scores_sections(scores_of(judged), drawn),
         ),
-        reproduction=exam_reproduction(command, sentence(done.words)),
+        reproduction=exam_reproduction(command, as_sentence(done.words)),
         created=now(),
     )

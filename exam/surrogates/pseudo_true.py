@@ -11,8 +11,7 @@ from exam.surrogates.fitting import declared_model
 from exam.surrogates.flights.drawing import Drawn
 from exam.surrogates.flights.flying import fly_draws
 from exam.surrogates.joint_fit import Point, fit_together
-from scenarios.preparation.airspeed import with_flow
-from scenarios.preparation.trim import about_trim
+from scenarios.preparation.measured_inputs import about_trim, with_flow
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, Regularity
 from sim.declaration.proposal import Curve, Traceable

@@ -17,8 +17,8 @@ from exam.surrogates.flights.maneuvers import USUAL
 from exam.surrogates.flights.sizes import SIZES
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.declarations import checked, closest
-from scenarios.files.vehicles_schema import STRICT
-from scenarios.studies.scenario_file.quantities import Quantity, positive, si
+from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
+from scenarios.studies.schema import Quantity, positive, si
 from sim.errors import DeclarationError
 
 Name = Annotated[str, Field(min_length=1)]
@@ -30,7 +30,7 @@ FEWEST, MOST = 2, 12
 
 
 class _Strict(BaseModel):
-    model_config = STRICT
+    model_config = VEHICLES_SCHEMA_STRICT
 
 
 class _Flight(_Strict):

@@ -15,7 +15,7 @@ from exam.surrogates.flights.flight import Flight, fly_surrogate, write_flight
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.preparation.request import Request
+from scenarios.preparation.plan import Request
 
 Progress = Callable[[str, float], None]
 

@@ -12,11 +12,9 @@ from exam.surrogates.flights.flight import Flight
 from exam.surrogates.study import SurrogateStudy
 from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands
 from scenarios.diagnosis.report.text import details_text, diagnosis_summary
-from scenarios.terminal.display_units import told
-from scenarios.terminal.paragraphs import WIDTH
-from scenarios.terminal.quantities import value_text
+from scenarios.terminal.quantities import told, value_text
 from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import Column, columns_of, table_lines
+from scenarios.terminal.tables import WIDTH, TableColumn, columns_of, table_lines
 
 DERIVATIVES = ("derivative", "nominal", "before", "after", "before, %", "after, %")
 
@@ -83,7 +81,7 @@ def _dominant(item: Dominant, records: int) -> str:
     return f"{item.name} ({values}){where}"
 
 
-def against_nominal(study: SurrogateStudy) -> list[Column]:
+def against_nominal(study: SurrogateStudy) -> list[TableColumn]:
     """The derivatives before and after; of the declared model alone where no effect stands beside it."""
     columns = columns_of(DERIVATIVES, _rows(study))
     if not nothing_stands(study.tracing.diagnosis):

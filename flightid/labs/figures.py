@@ -76,7 +76,7 @@ def figure_residual(
 
 
 def _draw_power(panel, time: np.ndarray, values: np.ndarray, noise: float, marks: Sequence[float]) -> None:  # type: ignore[no-untyped-def]
-    from scenarios.plots.tracing.residuals import spectrum
+    from scenarios.plots.tracing import spectrum
 
     hertz, power = spectrum(values, float(time[1] - time[0]), len(values))
     panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)))

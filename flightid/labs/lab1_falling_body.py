@@ -11,7 +11,7 @@ def _():
     from flightid.labs import page
     from flightid.labs.workings import falling_body as lab
     from flightid.labs.workings.trying import close, command
-    from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
+    from scenarios.plots.signals import figure_ballistic_coefficient, figure_trajectory
 
     return close, command, figure_ballistic_coefficient, figure_trajectory, lab, mo, page
 

@@ -9,7 +9,7 @@ from typing import Any
 import marimo as mo
 from matplotlib.figure import Figure
 
-from scenarios.plots.files import figure_png
+from scenarios.plots.drawing import figure_png
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from scenarios.api.recorded import Recorded
+from scenarios.api.records import Recorded
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from scenarios.compatibility.check import Check
+    from scenarios.compatibility.check import CompatibilityCheck
     from scenarios.diagnosis.tracing import Tracing
-    from scenarios.identification.from_files import Identified
-    from scenarios.maneuvers.finding import Maneuvers as FoundManeuvers
+    from scenarios.identification.identify import Identified
+    from scenarios.maneuvers import FoundManeuvers
     from scenarios.responses.analysis import Responses
     from sim import record as sim_record
 
@@ -47,7 +47,7 @@ class Checked(Protocol):
     """A check of the kinematics."""
 
     @property
-    def details(self) -> Check: ...
+    def details(self) -> CompatibilityCheck: ...
 
 
 class Found(Protocol):
@@ -73,7 +73,7 @@ def maneuvers(found: Found) -> Figure:
 
 def response(found: Responding, number: int = 0) -> Figure:
     """Magnitude, phase and coherence of a frequency response; ``number`` counts the responses from 0, outputs first."""
-    from scenarios.plots.responses import figure_response
+    from scenarios.plots.low_order import figure_response
     from scenarios.responses.analysis import pairs
 
     row, column, _ = _one_of(pairs(found.details), number, "responses")
@@ -82,7 +82,7 @@ def response(found: Responding, number: int = 0) -> Figure:
 
 def mismatch(found: Responding, number: int = 0) -> Figure:
     """A frequency response over its fitted transfer function, between the envelopes of dynamics that a pilot does not notice."""
-    from scenarios.plots.responses import figure_mismatch
+    from scenarios.plots.low_order import figure_mismatch
     from scenarios.responses.analysis import pairs
 
     row, column, _ = _one_of(pairs(found.details), number, "responses")
@@ -91,14 +91,14 @@ def mismatch(found: Responding, number: int = 0) -> Figure:
 
 def bandwidth(found: Responding, number: int = 0) -> Figure:
     """An attitude response with its bandwidths and phase delay; ``number`` counts those that have one from 0."""
-    from scenarios.plots.responses import figure_bandwidth
+    from scenarios.plots.low_order import figure_bandwidth
 
     return shown(figure_bandwidth(found.details, number))
 
 
 def loop(found: Responding) -> Figure:
     """A broken-loop response with its stability margins."""
-    from scenarios.plots.responses import figure_margins
+    from scenarios.plots.low_order import figure_margins
 
     return shown(figure_margins(found.details))
 
@@ -115,7 +115,7 @@ def fit(found: Fitted | Simulated, number: int = 0) -> Figure:
 
     Of a study of simulated flights with what is true.
     """
-    from scenarios.identification.from_files import Identified
+    from scenarios.identification.identify import Identified
     from scenarios.plots.signals import figure_fit, response_of
 
     if not isinstance(found.details, Identified):
@@ -142,7 +142,7 @@ def held_out(found: Fitted, number: int = 0) -> Figure:
 
 def correlation(found: Fitted) -> Figure:
     """How estimates hang together."""
-    from scenarios.plots.correlation import figure_correlation
+    from scenarios.plots.estimates import figure_correlation
 
     inner = found.details.found
     return shown(figure_correlation(inner.estimate.names, inner.estimate.correlation, f"{inner.vehicle.model}, {inner.method}"))
@@ -180,7 +180,7 @@ def replication(found: Traced) -> Figure:
 
 def reconstruction(found: Checked, number: int = 0) -> Figure:
     """Measured channels against those that the kinematics reconstruct."""
-    from scenarios.plots.compatibility import figure_reconstruction
+    from scenarios.plots.signals import figure_reconstruction
 
     item = _one_of(found.details.result.reconstructions, number, "reconstructions")
     return shown(figure_reconstruction(item, f"{item.record}: reconstructed against measured"))
@@ -208,7 +208,7 @@ class Figures:
 
 def shown(figure: Figure) -> Figure:
     """A figure that a notebook shows by itself, also where nobody asked matplotlib for a backend."""
-    from scenarios.plots.files import figure_png
+    from scenarios.plots.drawing import figure_png
 
     figure._repr_png_ = partial(figure_png, figure)  # type: ignore[attr-defined]
     return figure

@@ -1,4 +1,4 @@
-"""`run` and `simulate` in Python: scenarios of the catalogue, or of a file."""
+"""Simulated studies in Python: `run`, `simulate`, `campaign` and `design`."""
 
 from __future__ import annotations
 
@@ -10,22 +10,59 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenarios.api import plot
+import numpy as np
+
+from ident.flying_qualities.modes import state_space, to_control
+from scenarios.api import plot, tables
 from scenarios.api.diagnosis import Diagnosis
-from scenarios.api.flights import Flight, flown
-from scenarios.api.records.record import Record, record_of
-from scenarios.api.running import LOADERS, Runner, untold
-from scenarios.api.shown import html
-from scenarios.api.shown.parameters import Parameter, Parameters, row_of
-from scenarios.api.shown.report import write_report
+from scenarios.api.record import Record, record_of
+from scenarios.api.requests import KEPT, LOADERS, Declared, Flight, Runner, flown, model_of, untold
+from scenarios.api.shown import Parameter, Parameters, row_of, write_report
+from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.files.declarations import named_after
+from scenarios.files.user_models import is_own
+from scenarios.identification.state_space import linearised
+from scenarios.maneuver_design import design as designing
+from scenarios.maneuver_design.asked import TYPICAL, Asked
+from scenarios.maneuver_design.text import comparison, design_text, peaks_of, verdict_of
 from scenarios.plots.formats import formats_wanted
-from scenarios.studies.catalogue import IDENTIFICATION, scenario_file, scenario_kind
+from scenarios.studies import campaign as campaigns
+from scenarios.studies.campaign import Rebuilt
+from scenarios.studies.campaign_causes import Judgement, judge
+from scenarios.studies.campaign_report import findings_content
+from scenarios.studies.catalogue import IDENTIFICATION, load_document, moved, scenario_file, scenario_kind
+from scenarios.studies.estimating import assumed_noise, compiled, declared_model, flight_constants
+from scenarios.studies.study import StudyResult
+from scenarios.tasks.study import Manner
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     import control
     import pandas
+
+    from scenarios.x29.study import LoopStudy
+
+
+# ---- The model of a study of simulated flights as matrices
+
+
+def matrices_of_study(study: Any, kind: str, pade: int) -> control.StateSpace:
+    """The main method's model with what it estimated, linearised; of a closed loop its low-order equivalent."""
+    return _of_estimators(study, pade) if kind == IDENTIFICATION else _of_loop(study, pade)
+
+
+def _of_estimators(study: StudyResult, pade: int) -> control.StateSpace:
+    estimation = study.main.estimation
+    model = declared_model(estimation, flight_constants(study.scenario.flight, estimation), assumed_noise(study.scenario, estimation))
+    values = study.main.result.estimate.as_dict()
+    return to_control(linearised(compiled(estimation, model), values, study.main.result.record, model if is_own(model) else None), pade)
+
+
+def _of_loop(study: LoopStudy, pade: int) -> control.StateSpace:
+    return to_control(state_space(study.result.setting.system, study.result.estimate.as_dict()), pade)
+
+
+# ---- run and simulate in Python: scenarios of the catalogue, or of a file
 
 Settings = Mapping[str, Any] | Sequence[str] | None
 
@@ -118,7 +155,6 @@ class Study:
         if self.kind == "sweep":
             what, remedy = "a sweep has transfer functions, no matrices", "use details.response.fits"
             raise DeclarationError(what, where=self.name, remedy=remedy)
-        from scenarios.api.matrices import matrices_of_study
 
         return matrices_of_study(self.details, self.kind, pade)
 
@@ -147,7 +183,7 @@ class Study:
             return self.diagnosis._repr_html_()
         headings = ("parameter", "unit", "value", "sigma", *(("true", "error, sigmas") if self.true else ()))
         rows = [[*row_of(item), *(_against(item, self.true) if self.true else ())] for item in self.parameters.values()]
-        return html.page(f"{self.name}, seed {self.seed}", html.table(headings, rows, left=2))
+        return tables.page(f"{self.name}, seed {self.seed}", tables.table(headings, rows, left=2))
 
 
 def _against(item: Parameter, true: Mapping[str, float]) -> tuple[str, str]:
@@ -205,3 +241,294 @@ def changes_of(settings: Settings) -> list[str]:
 
         return [f"{key}={toml_value(value, key)}" for key, value in settings.items()]
     return [settings] if isinstance(settings, str) else list(settings)
+
+
+# ---- campaign in Python: the same study with many seeds
+
+COLUMNS = ("unit", "reference", "bias", "scatter", "reported", "within_one", "within_two")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Campaign:
+    """Estimates of many runs against what is true. ``details``: everything that the library knows of it; ``noise_levels``: whether these are looked
+    for also where no sigma is wrong."""
+
+    details: campaigns.CampaignRuns
+    noise_levels: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The estimated parameters."""
+        return self.details.names
+
+    @property
+    def values(self) -> np.ndarray:
+        """Estimates, shape ``(runs, parameters)``; runs that broke down are left out."""
+        return self.details.values.T
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """Standard deviations as reported, shape ``(runs, parameters)``."""
+        return self.details.std.T
+
+    @property
+    def coverage(self) -> float:
+        """Share of two-sigma intervals of all parameters that hold the reference."""
+        return self.details.pooled.within_two
+
+    @property
+    def coverage_interval(self) -> tuple[float, float]:
+        """Its 95 % confidence interval."""
+        return self.details.pooled.interval
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One row a parameter: bias, scatter, reported sigma, shares of one- and two-sigma intervals that hold the reference."""
+        import pandas
+
+        spreads = self.details.spreads
+        rows = [{name: getattr(each, name) for name in COLUMNS} for each in spreads]
+        return pandas.DataFrame(rows, columns=list(COLUMNS), index=pandas.Index([each.name for each in spreads], name="parameter"))
+
+    def statistics(self) -> pandas.DataFrame:
+        """One row a parameter, SI: what ``statistics.csv`` holds. Bias, scatter over the reported sigma, coverage at one, two and three sigmas, each
+        with its interval; the Cramer-Rao bound and the efficiency."""
+        import io
+
+        import pandas
+
+        from scenarios.studies.campaign_statistics import statistics_csv
+
+        return pandas.read_csv(io.StringIO(statistics_csv(self._judgement.statistics)), index_col="parameter")
+
+    def wrong_sigmas(self) -> pandas.DataFrame:
+        """One row a parameter whose sigma is wrong, SI: the factor that makes it right, causes, the reported and the right sigma, and the share of
+        the runs within two right ones."""
+        import pandas
+
+        rows = findings_content(self._judgement.findings)["wrong_sigmas"]
+        columns = ["factor", "causes", "reported_std", "right_std", "right_within_2", "right_within_2_low", "right_within_2_high", "runs"]
+        return pandas.DataFrame(list(rows.values()), columns=columns, index=pandas.Index(list(rows), name="parameter"))
+
+    @cached_property
+    def _judgement(self) -> Judgement:
+        return judge(self.details, levels=self.noise_levels)
+
+    def estimates(self) -> pandas.DataFrame:
+        """One row a run: its seed, each estimate and its ``std_NAME``."""
+        import pandas
+
+        pairs = {name: self.values[:, i] for i, name in enumerate(self.names)}
+        return pandas.DataFrame(
+            {"seed": self.details.seeds[self.details.kept], **pairs, **{f"std_{name}": self.sigmas[:, i] for i, name in enumerate(self.names)}}
+        )
+
+    def summary(self) -> str:
+        """What the command prints."""
+        from scenarios.studies.campaign_report import print_campaign
+        from scenarios.terminal.quantities import as_text
+
+        return as_text(lambda out: print_campaign(self.details, out, KEPT, self._judgement))
+
+    def save(self, folder: str | PathLike[str]) -> Path:
+        """Write ``campaign.json`` and ``estimates.csv`` as the command does with ``--out``; returns the folder."""
+        from scenarios.studies.campaign_report import write_campaign
+
+        return write_campaign(self.details, self._judgement, Path(folder))
+
+    @property
+    def _title(self) -> str:
+        return f"{self.details.scenario.name}, {len(self.details.seeds)} runs by {self.details.estimation.label}"
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
+
+    def __repr__(self) -> str:
+        low, high = self.coverage_interval
+        return f"<Campaign: {self._title}; {100 * self.coverage:.1f} % within two sigmas ({100 * low:.1f} to {100 * high:.1f} %)>"
+
+    def _repr_html_(self) -> str:
+        rows = [[each.name, *(_cell(getattr(each, name)) for name in COLUMNS)] for each in self.details.spreads]
+        return tables.page(self._title, tables.table(("parameter", *COLUMNS), rows, left=2))
+
+
+def campaign(
+    name: str | PathLike[str],
+    runs: int,
+    *,
+    seed: int | None = None,
+    set: Settings = None,
+    method: str | None = None,
+    noise_levels: bool = False,
+    jobs: int | None = None,
+    out: str | PathLike[str] | None = None,
+    resume: bool = False,
+    cluster: str | None = None,
+    time_limit: float | None = None,
+) -> Campaign:
+    """The same scenario with ``runs`` seeds that spring from ``seed``: bias, scatter against reported sigma, coverage; as ``flightid campaign``.
+
+    ``noise_levels`` : find them by likelihood also where no sigma is wrong.
+    ``jobs`` : processes, else one a core. ``out`` : a folder in which runs are kept as they come; ``resume`` goes on with them, ``runs`` may be more
+    than before. ``cluster`` : the address of a Dask scheduler. ``time_limit`` : s that a run may take.
+
+    Raises
+    ------
+    InputError : there is no such scenario or method, or ``out`` holds another campaign.
+    KeyboardInterrupt : by Ctrl-C; runs that had ended are kept in ``out`` where that is given.
+    """
+    text = str(name)
+    count = _count_of(runs)
+    kind = scenario_kind(text)
+    if kind == "trace":
+        raise moved(f"a campaign of {text}", f"hidden-effects {text}", "campaign")
+    if kind != IDENTIFICATION:
+        what = f"there is no campaign of a scenario of kind {kind}"
+        raise DeclarationError(what, where="campaign", remedy="name a scenario of estimators")
+    manner = Manner(jobs, None if out is None else Path(out), resume, cluster, time_limit)
+    document, short, where = load_document(text, changes_of(set))
+    again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
+    with named_after(where):
+        found = campaigns.fly_campaign(again.scenario(), count, seed_of(seed), method or "main", untold, manner, again)
+    if len(found.seeds) < found.asked:
+        raise KeyboardInterrupt(f"{len(found.seeds)} of {count} runs had ended")  # a program must not go on as if all had
+    return Campaign(found, noise_levels)
+
+
+def _count_of(given: Any) -> int:
+    if isinstance(given, bool) or not isinstance(given, Integral) or given < 2:
+        raise DeclarationError(f"{given!r:.60} runs", where="runs", remedy="give a whole number, two or more")
+    return int(given)
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+# ---- design in Python: which maneuver to fly, before it is flown
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Design:
+    """Maneuvers compared before they are flown, the best first. ``details``: everything that the library knows of it."""
+
+    details: designing.Design
+
+    @property
+    def best(self) -> str:
+        """Kind of the best maneuver."""
+        return self.details.best.kind
+
+    @property
+    def chance(self) -> float:
+        """Probability, at least, that the best maneuver tells the effects apart; zero where none were named."""
+        return self.details.best.chance
+
+    @property
+    def sigmas(self) -> Mapping[str, float]:
+        """Expected standard deviations with the best maneuver, by parameter, SI."""
+        return self.details.best.sigmas
+
+    @property
+    def command(self) -> str:
+        """What is typed for the same design."""
+        return self.details.asked.command()
+
+    def maneuver(self, kind: str | None = None) -> Record:
+        """The input to be flown, of the best kind or another: a record without outputs, SI, held between samples."""
+        from scenarios.maneuver_design.files import input_of
+
+        chosen = next((each for each in self.details.maneuvers if each.kind == kind), self.details.best)
+        return record_of(input_of(chosen))
+
+    def coherence(self, output: str, input: str, kind: str | None = None) -> pandas.DataFrame:
+        """Coherence and random error to expect of a response, by frequency in Hz; of the best kind or another.
+
+        Raises InputError where no band was asked for, or there is no such response.
+        """
+        import pandas
+
+        chosen = next((each for each in self.details.maneuvers if each.kind == kind), self.details.best)
+        found = chosen.responses
+        if found is None:
+            raise DeclarationError("no band is asked for", where="design", remedy="give band, Hz")
+        for name, names in ((output, found.outputs), (input, found.inputs)):
+            if name not in names:
+                remedy = f"there are {', '.join(names)}"
+                raise DeclarationError(f"there is no {name!r}", where="coherence", remedy=remedy)
+        at = found.outputs.index(output), found.inputs.index(input)
+        columns = {"coherence": found.coherence[at], "random_error": found.random_error[at]}
+        return pandas.DataFrame(columns, index=pandas.Index(found.frequency, name="frequency_Hz"))
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """A row a kind, the best first: pace (s), peaks, mean sigma over the values, log likelihood and chance."""
+        import pandas
+
+        rows = []
+        for each in self.details.maneuvers:
+            row: dict[str, Any] = {"maneuver": each.kind, "pace": each.pace}
+            row |= {f"peak_{name}": value for name, value in peaks_of(self.details, each).items()}
+            rows.append({**row, "mean_sigma": each.criterion, "log_likelihood": each.log_likelihood, "chance": each.chance})
+        return pandas.DataFrame(rows).set_index("maneuver")
+
+    def summary(self) -> str:
+        """What the command prints."""
+        return design_text(self.details)
+
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+        """Write the design as the command does with ``--out``; returns the folder."""
+        from scenarios.maneuver_design.files import write_design
+
+        return write_design(self.details, Path(folder), figures=formats_wanted(figures))
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
+
+    def __repr__(self) -> str:
+        return f"<Design: {verdict_of(self.details)}>"
+
+    def _repr_html_(self) -> str:
+        headings, rows = comparison(self.details)
+        return tables.page(verdict_of(self.details), tables.table(headings, rows, left=1))
+
+
+def design(
+    model: Declared,
+    vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
+    *,
+    limits: str | PathLike[str] | Mapping[str, Any] | None = None,
+    tell: Sequence[str] = (),
+    size: str | Mapping[str, float] = TYPICAL,
+    value: Mapping[str, float | str] | None = None,
+    noise: Mapping[str, float | str] | None = None,
+    amplitude: Mapping[str, float | str] | None = None,
+    duration: float | None = None,
+    rate: float | None = None,
+    band: tuple[float, float] | None = None,
+) -> Design:
+    """Design a maneuver of each kind and compare them: ``flightid design`` in Python.
+
+    Parameters
+    ----------
+    model, vehicle : as in ``identify``. limits : a TOML file, or its content: ``{"nz_max": 2.5, "elevator_rate": "40 deg/s"}``.
+    tell : names of effects to be told apart, the first against each other one.
+    size : ``"typical"``, ``"found"``, or values of the first effect's own parameters.
+    value, noise, amplitude : derivatives, noise by output, largest deflection by input; numbers in SI or texts with a unit.
+    duration, rate : s, samples a second. band : Hz; a sweep and multisines over it, compared by the
+        frequency responses to expect (``coherence``).
+
+    Raises
+    ------
+    InputError : anything wrong in what is asked, in one line.
+    """
+    asked = model_of(model)
+    given = Path(limits) if isinstance(limits, str | PathLike) else limits
+    source = source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else None
+    text = size if isinstance(size, str) else ",".join(_texts(size))
+    names = (tell,) if isinstance(tell, str) else tuple(tell)
+    return Design(designing.design(Asked(asked, source, given, names, text, _texts(value), _texts(noise), _texts(amplitude), duration, rate, band)))
+
+
+def _texts(some: Mapping[str, Any] | None) -> tuple[str, ...]:
+    return tuple(f"{name}={value!r}" if isinstance(value, float | int) else f"{name}={value}" for name, value in (some or {}).items())

@@ -11,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from scenarios.api.shown import html
+from scenarios.api import tables as html
 from scenarios.files.declarations import read_toml_source, toml_of
 from scenarios.files.sources import InputFile, Source
 from sim.errors import DeclarationError

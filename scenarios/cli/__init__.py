@@ -10,7 +10,7 @@ __all__ = ["app", "main"]
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: exit code 0 done, 2 bad usage or input (one line on stderr), 130 stopped by Ctrl-C, 1 anything else."""
     try:
-        from scenarios.cli.entry import run_typed
+        from scenarios.cli.application import run_typed
     except KeyboardInterrupt:
         raise SystemExit(130) from None
     run_typed(arguments)

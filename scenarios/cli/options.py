@@ -1,13 +1,73 @@
-"""Options and arguments that several commands share."""
+"""Options that several commands share, shell completion, and output options."""
 
 from __future__ import annotations
 
+import contextlib
+import io
+import json
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
 
-from scenarios.cli.completion import MODEL_NAMES, models, of, scenarios
+from scenarios.plots.formats import Formats
+
+# ---- What a shell completes
+
+# Said here once more, so that neither help nor completion loads what computes; a test holds both against the lists that count.
+MODEL_NAMES = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal", "multirotor")
+METHOD_NAMES = ("output-error", "filter-error", "frequency-domain", "equation-error", "ekf", "ukf")
+
+
+def scenarios(incomplete: str) -> list[str]:
+    """Scenarios of the catalogue."""
+    from scenarios.studies.catalogue import scenario_names
+
+    return _beginning(scenario_names(), incomplete)
+
+
+def models(incomplete: str) -> list[str]:
+    """Built-in models."""
+    return _beginning(MODEL_NAMES, incomplete)
+
+
+def methods(incomplete: str) -> list[str]:
+    """Methods of identification."""
+    return _beginning(METHOD_NAMES, incomplete)
+
+
+def effects(incomplete: str) -> list[str]:
+    """Effects of the library."""
+    from sim.effects.library import effect_names
+
+    return _beginning(effect_names(), incomplete)
+
+
+def vehicles(incomplete: str) -> list[str]:
+    """Vehicles of the library."""
+    from sim.vehicles.library import vehicle_names
+
+    return _beginning(vehicle_names(), incomplete)
+
+
+def of(*words: str) -> Callable[[str], list[str]]:
+    """A completion with a few fixed words."""
+
+    def complete(incomplete: str) -> list[str]:
+        return _beginning(words, incomplete)
+
+    return complete
+
+
+def _beginning(names: Iterable[str], incomplete: str) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]
+
+
+# ---- Options and arguments that several commands share
 
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write the study into this folder.")]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, metavar="N", help="Seed of the random numbers; the scenario's own when left out.")]
@@ -99,3 +159,47 @@ Jobs = Annotated[int | None, typer.Option("--jobs", metavar="N", help="Processes
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with what the folder of --out holds; --runs may be larger than before.")]
 Cluster = Annotated[str | None, typer.Option("--cluster", metavar="ADDRESS", help="Work on a Dask cluster, by its scheduler's tcp://HOST:PORT.")]
 TimeLimit = Annotated[float | None, typer.Option("--time-limit", metavar="S", help="Seconds that a run may take; one that takes longer is left out.")]
+
+
+# ---- --quiet and --json: what of a command reaches the terminal
+
+
+@dataclass(frozen=True)
+class OutputOptions:
+    """Where a command writes its study (None: nowhere), in which formats its figures, and whether it may show how far it is."""
+
+    out: Path | None
+    figures: Formats
+    progress: bool
+
+
+@contextlib.contextmanager
+def telling(out: Path | None, figures: Formats, *, quiet: bool, as_json: bool, documents: Sequence[str] = ()) -> Iterator[OutputOptions]:
+    """Run a command that prints on stdout and writes ``documents``, by their paths in its folder, the study's JSON.
+
+    With ``as_json`` nothing of it is printed but its document, several of them as a list; with ``quiet`` nothing but the warnings that its
+    document holds, on stderr. Without a folder it writes into one that is gone afterwards.
+    """
+    if not (quiet or as_json):
+        yield OutputOptions(out, figures, progress=True)
+        return
+    with contextlib.ExitStack() as stack:
+        folder = out if out is not None else Path(stack.enter_context(TemporaryDirectory(prefix="flightid-"))) / "study"
+        try:
+            with contextlib.redirect_stdout(io.StringIO()):
+                yield OutputOptions(folder, figures if out is not None else (), progress=not quiet)
+        except KeyboardInterrupt:
+            if out is not None:
+                raise
+            raise KeyboardInterrupt from None  # what it says is kept is in a folder that is gone now
+        texts = [(folder / name).read_text(encoding="utf-8") for name in documents]
+    if as_json:
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            # JSON is UTF-8 wherever it goes; a pipe of Windows has another code page.
+            sys.stdout.reconfigure(encoding="utf-8", errors="backslashreplace")
+        sys.stdout.write(texts[0] if len(texts) == 1 else "[\n" + ",\n".join(text.rstrip("\n") for text in texts) + "\n]\n")
+        sys.stdout.flush()
+        return
+    for text in texts:
+        for warning in json.loads(text).get("warnings", ()):
+            print(f"flightid: warning: {warning}", file=sys.stderr)

@@ -11,7 +11,7 @@ from scenarios.terminal.progress import progress_bar
 
 if TYPE_CHECKING:
     from scenarios.diagnosis.tracing import Tracing
-    from scenarios.preparation.request import Request
+    from scenarios.preparation.plan import Request
 
 
 def diagnose_records(request: Request, out: Path | None, figures: Formats, *, progress: bool = True) -> None:
@@ -33,8 +33,8 @@ def diagnose_records(request: Request, out: Path | None, figures: Formats, *, pr
             tell("writing the study", 0.97)
             write_diagnosis(tracing, out, figures=figures, drawer=drawer)
     from scenarios.diagnosis.report.text import diagnosis_text
-    from scenarios.terminal.paragraphs import terminal_width
     from scenarios.terminal.summary import details_in, written_to
+    from scenarios.terminal.tables import terminal_width
 
     print(diagnosis_text(tracing, terminal_width(), details_in(out)))
     stages = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in tracing.diagnosis.seconds.items())

@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.frequency_domain.online import HIGH, LOW, SPACING, frequencies
 from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_model
-from scenarios.identification.low_order_filter import PAPER_START
+from scenarios.identification.low_order import PAPER_START
 from scenarios.watching.estimates import so_far
 from scenarios.watching.history import History
 from scenarios.watching.lines import Lines, Read, growing_file, lines_of, standard_input
@@ -170,7 +170,7 @@ def _prepared(
     record: str, vehicle: Path | None, reference: Path | None, channels: Path | None, refine: bool, plan: Plan | None, needed: Sequence[str]
 ) -> Watch:
     from scenarios.files.channels import read_channel_map
-    from scenarios.files.measured.sidecar import read_sidecar
+    from scenarios.files.measured.columns import read_sidecar
 
     known = read_reference(reference, needed) if reference is not None else None
     choices = read_channel_map(channels) if channels is not None else None

@@ -17,10 +17,9 @@ from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile, all_simulated, identities, read_record_files, refuse_twice, with_names
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile, read_any_vehicle, read_beside, vehicle_beside
-from scenarios.preparation.gaps import split_at_gaps
-from scenarios.preparation.plan import Plan, Segment
+from scenarios.preparation.plan import Plan, Request, Segment, column_choices
+from scenarios.preparation.reading import split_at_gaps
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_of, joined, looked_at
-from scenarios.preparation.request import Request, column_choices
 from sim.declaration.effect import AIRSPEEDS
 from sim.errors import RecordError
 from sim.maths import G0
@@ -33,7 +32,7 @@ ACCELEROMETERS = ("nz", "az", "ny", "ay")
 
 
 @dataclass(frozen=True, eq=False)
-class Check:
+class CompatibilityCheck:
     """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or found.
 
     ``declared_speed``: m/s, of the vehicle file, where a record has no airspeed of its own. ``declared_density``: kg/m3, of the vehicle file,
@@ -54,7 +53,7 @@ class Check:
     declared_density: float | None = None
 
 
-def equivalent_constant(check: Check, finding: SensorFinding) -> str:
+def equivalent_constant(check: CompatibilityCheck, finding: SensorFinding) -> str:
     """The number of the vehicle file that, were it wrong, would look like the scale of an accelerometer; empty where there is none.
 
     In alpha_dot = q - g nz/V a factor on the load factor is one on the airspeed; an airspeed V = sqrt(2 q/rho) of a dynamic pressure
@@ -71,7 +70,7 @@ def equivalent_constant(check: Check, finding: SensorFinding) -> str:
     return ""
 
 
-def noise_levels(check: Check, result: CheckResult | None = None) -> dict[str, float | None]:
+def noise_levels(check: CompatibilityCheck, result: CheckResult | None = None) -> dict[str, float | None]:
     """Noise by channel (SI) of all records together or of one ``result``, None where the records do not show it; nz may come from az."""
     out: dict[str, float | None] = {}
     for name, level in (result or check.result.joint).noise_std.items():
@@ -81,7 +80,7 @@ def noise_levels(check: Check, result: CheckResult | None = None) -> dict[str, f
     return out
 
 
-def check_files(request: Request) -> Check:
+def check_files(request: Request) -> CompatibilityCheck:
     """Read records of one aircraft and check them.
 
     Of the ``request`` count the record files; any aircraft's vehicle file, of which airspeed, gravity and vane arm are used (None takes
@@ -105,7 +104,7 @@ def check_files(request: Request) -> Check:
     result = compatibility(records, settings)
     vehicle = declared.identity if declared is not None else None
     notes = (*read_beside(files, beside), *plan.chosen, *(note for _, told, _ in read for note in told), *(note for _, note in parted if note))
-    check = Check(result, records, settings, identities(files), vehicle, notes, look, all_simulated(files))
+    check = CompatibilityCheck(result, records, settings, identities(files), vehicle, notes, look, all_simulated(files))
     if declared is None:
         return check
     recorded_speed = all("airspeed" in record.output_names for record in records)
@@ -138,8 +137,7 @@ def record_to_check(
     RecordError : anything that keeps the file from being used, none of the channels in it, or columns that are certainly not what they are called.
     """
     from scenarios.files.records import read_with_notes
-    from scenarios.preparation.filtering import filtered
-    from scenarios.preparation.reading import named
+    from scenarios.preparation.reading import filtered, named
 
     # An input tells where a load may jump between two samples; it may be absent, and may have gaps.
     known = (*CHANNELS, PRESSURE, *INPUTS)
@@ -171,7 +169,7 @@ def _unwrapped(record: Record) -> Record:
 
 def _expected(vehicle: VehicleFile | None) -> Expectations:
     """What a vehicle file lets one expect of the raw columns."""
-    from scenarios.preparation.vehicle_model import model_of_file
+    from scenarios.preparation.declared_model import model_of_file
 
     return expectations_of(model_of_file(vehicle)) if vehicle is not None else Expectations()
 

@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from scenarios.files.own_models import inputs_at_rest, is_own
-from scenarios.files.python_files import WANTED, run_python
+from scenarios.files.declarations import WANTED, run_python
 from scenarios.files.sources import Source, read_source
+from scenarios.files.user_models import inputs_at_rest, is_own
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, GroupEffect, ParameterEffect, Signal
 from sim.declaration.model import Containing, Model

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
-from scenarios.files.own_models import OwnModel
 from scenarios.files.sources import Source
+from scenarios.files.user_models import OwnModel
 from scenarios.files.vehicles import VehicleFile
 from scenarios.maneuver_design.asked import Asked
 from scenarios.maneuver_design.design import Design, design
-from scenarios.preparation.request import Request
+from scenarios.preparation.plan import Request
 from sim.declaration.model import Model
 from sim.declaration.proposal import Curve, Traceable
 from sim.effects.library import effects_for

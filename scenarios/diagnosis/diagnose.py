@@ -16,13 +16,11 @@ from scenarios.diagnosis.opening import Opened, Posed, opened_files, own_effects
 from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.tracing import Inputs, Tracing
 from scenarios.files.measured.record_file import all_simulated, refuse_twice
-from scenarios.files.own_models import is_of_aircraft, moves_about_rest
+from scenarios.files.user_models import is_of_aircraft, moves_about_rest
 from scenarios.files.vehicles import read_beside, refuse_unknown_model, vehicle_beside
-from scenarios.preparation.gaps import Parted, parts_of, put_together
-from scenarios.preparation.interpreting import BETTER
-from scenarios.preparation.plan import WHOLE, Plan
-from scenarios.preparation.request import Request
-from scenarios.preparation.vehicle_model import step_for
+from scenarios.preparation.declared_model import BETTER, step_for
+from scenarios.preparation.plan import WHOLE, Plan, Request
+from scenarios.preparation.reading import Parted, parts_of, put_together
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Hold

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from scenarios.preparation.interpreting import BETTER, held_by_computer
+from scenarios.preparation.declared_model import BETTER, held_by_computer
 from scenarios.preparation.plan import BY_HAND
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable

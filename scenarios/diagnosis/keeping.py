@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.kept.kept_model import DIAGNOSE, KeptModel, KeptReading
+from scenarios.kept import DIAGNOSE, KeptModel, KeptReading
 from scenarios.preparation.plan import ATTITUDE, LIFT, SPEED
 
 SPIKES = "sensor-spikes:"

@@ -120,7 +120,7 @@ def _level(records: list[Record], settings: CompatibilitySettings, asked: Relati
 
 def _taking_part(record: Record, asked: Relations) -> Record:
     """The record's channels that take part: the equations that are fitted know no other."""
-    from scenarios.preparation.load_factor import with_load_factors
+    from scenarios.preparation.measured_inputs import with_load_factors
 
     record = with_load_factors(record)[0] if asked.six else record
     outputs = tuple(channel for channel in record.outputs if channel.name in asked.channels)

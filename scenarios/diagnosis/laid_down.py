@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from ident.tracing.diagnosis import Diagnosis, Quantity
-from scenarios.files.constraints import Constraints, constraint_sentences, side_at
+from scenarios.files.user_models import Constraints, constraint_sentences, side_at
 from sim.declaration.model import Model
 
 

@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING
 from scenarios.diagnosis.candidates import checked_effects, read_effects
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import RecordFile, identities, path_of, read_with_validation
-from scenarios.files.own_models import channel_units, is_model_file
 from scenarios.files.sources import InputFile, Source, read_source
+from scenarios.files.user_models import channel_units, is_model_file
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_beside
-from scenarios.preparation.gaps import Parted
-from scenarios.preparation.holding_out import split_off
-from scenarios.preparation.plan import Plan
+from scenarios.preparation.declared_model import outputs_with_bias
+from scenarios.preparation.plan import Plan, Request, column_choices, flown_of
+from scenarios.preparation.plausibility import split_off
+from scenarios.preparation.reading import Parted
 from scenarios.preparation.recording import RawLook
-from scenarios.preparation.request import Request, column_choices, flown_of
-from scenarios.preparation.vehicle_model import outputs_with_bias
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.errors import DeclarationError
@@ -72,8 +71,8 @@ def opened_files(request: Request, vehicle: Path | Source | None) -> Opened:
 
 def posed_for(opened: Opened, plan: Plan) -> Posed:
     """Records prepared for the declared model with its biases, something held out; refused where they cannot tell anything."""
+    from scenarios.preparation.declared_model import model_of_file
     from scenarios.preparation.plausibility import refuse_still, refuse_unpredictable
-    from scenarios.preparation.vehicle_model import model_of_file
 
     ready = _ready(opened, model_of_file(opened.vehicle).with_noise(Noise()), plan)
     whole, predicted, notes, held_out_from = ready.fitted, ready.validation, ready.notes, None

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from scenarios.files.channel_names import CHANNEL_UNITS
 
 if TYPE_CHECKING:
-    from scenarios.files.channels_schema import ColumnEntry
+    from scenarios.files.schemas import ColumnEntry
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ def read_channel_map(path: str | Path | Mapping[str, Any], known: Iterable[str] 
     ------
     DeclarationError : the file cannot be read, or a channel or key is unknown, missing or of the wrong kind.
     """
-    from scenarios.files.channels_schema import channel_map
     from scenarios.files.declarations import checked, read_toml
+    from scenarios.files.schemas import channel_map
 
     schema = channel_map(tuple(known))
     content, where = (path, "channels") if isinstance(path, Mapping) else (read_toml(path), path)
@@ -75,7 +75,7 @@ def read_channel_map(path: str | Path | Mapping[str, Any], known: Iterable[str] 
 
 def _choice(entry: ColumnEntry) -> ColumnChoice:
     """What the reader is given: ``bias`` is taken off, ``sign`` turns the scale."""
-    from scenarios.files.channels_schema import ABSENT
+    from scenarios.files.schemas import ABSENT
 
     if entry.column == ABSENT:
         return ColumnChoice("")

@@ -14,12 +14,11 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.formats.cells import Numbers, Table, mark_fault, numbers
+from scenarios.files.formats.cells import CellTable, Numbers, mark_fault, numbers
 from scenarios.files.measured.clock import grid_of_coarse_stamps, sorted_rows
-from scenarios.files.measured.columns import Column, column_place, find_column, missing_column, named_otherwise
+from scenarios.files.measured.columns import SourceColumn, column_place, find_column, missing_column, named_otherwise, refuse_unknown_units
 from scenarios.files.measured.derived import clock_of, clock_place, leaps, stated_unit, with_derived
 from scenarios.files.measured.record_file import RecordFile, read_record_file
-from scenarios.files.measured.sidecar import refuse_unknown_units
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
@@ -174,7 +173,7 @@ def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None
         raise RecordError("the file has a clock of its own", where=f"{file.path}, --rate", remedy="leave --rate out: nothing is resampled here")
 
 
-def column_of(file: RecordFile, channel: str) -> Column:
+def column_of(file: RecordFile, channel: str) -> SourceColumn:
     """The column of one of our channels by the file's own channel map. Raises RecordError where there is none, as ``find_column`` else."""
     column = _columns(file, [channel], set(), file.choices, CHANNEL_UNITS)[channel]
     if column is None:
@@ -184,7 +183,7 @@ def column_of(file: RecordFile, channel: str) -> Column:
 
 def _columns(
     file: RecordFile, names: Sequence[str], further: set[str], channel_map: Mapping[str, ColumnChoice] | None, known: Mapping[str, str]
-) -> dict[str, Column | None]:
+) -> dict[str, SourceColumn | None]:
     """Channel -> its column, None where there is none; one of ``further`` counts as absent where only a header of another meaning recalls it."""
     header = file.table.header
     return {
@@ -221,7 +220,9 @@ def _boundary(before: np.ndarray, after: np.ndarray) -> int:
     return int(np.argmin(wrong_ahead + wrong_behind))
 
 
-def _clock_column(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None, known: Mapping[str, str], rate: float | None) -> Column | None:
+def _clock_column(
+    file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None, known: Mapping[str, str], rate: float | None
+) -> SourceColumn | None:
     """The column of the clock: ``time``, else another name of a clock; None where the file has none and its rate is known."""
     column = _columns(file, [TIME], set(), channel_map, known)[TIME]
     table = file.table
@@ -233,13 +234,13 @@ def _clock_column(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | No
         return replace(column, unit=said or "")
     place = clock_place(table)
     if place is not None:
-        return Column(TIME, table.header[place], place, stated_unit(table, place) or "", CHANNEL_UNITS[TIME])
+        return SourceColumn(TIME, table.header[place], place, stated_unit(table, place) or "", CHANNEL_UNITS[TIME])
     if rate is not None:
         return None
     raise missing_clock(table)
 
 
-def missing_clock(table: Table) -> RecordError:
+def missing_clock(table: CellTable) -> RecordError:
     """The error for a table in which no column is a clock."""
     error = missing_column(TIME, table.header, table.file)
     unnamed = bool(table.header) and table.header[0] == "column 1"
@@ -248,7 +249,7 @@ def missing_clock(table: Table) -> RecordError:
     return RecordError(error.what, where=error.where, remedy=f"{remedy}; of a record without a clock give --rate HZ")
 
 
-def _time(table: Table, column: Column | None, start: float | None, stop: float | None, rate: float | None) -> Window:
+def _time(table: CellTable, column: SourceColumn | None, start: float | None, stop: float | None, rate: float | None) -> Window:
     """Checked time stamps of the window, s, and its rows."""
     for option, bound in (("--from", start), ("--to", stop)):
         if bound is not None and math.isnan(bound):
@@ -258,7 +259,7 @@ def _time(table: Table, column: Column | None, start: float | None, stop: float 
     if column is None:
         assert rate is not None
         time, notes = np.arange(table.rows.size) / rate, [f"the file has no clock: its rows are taken at {rate:g} Hz"]
-        stamps, column = Numbers(time, {}), Column(TIME, TIME, 0, "s", "s")
+        stamps, column = Numbers(time, {}), SourceColumn(TIME, TIME, 0, "s", "s")
     else:
         if len(table.columns[column.index]) != table.rows.size:
             _sized(table, column)
@@ -295,7 +296,7 @@ def _time(table: Table, column: Column | None, start: float | None, stop: float 
     raise RecordError(f"{what} ({earlier:.9g} s, then {later:.9g} s{more})", where=where, remedy="sort the rows and remove duplicates")
 
 
-def _repeats(table: Table, time: np.ndarray, rows: slice) -> np.ndarray:
+def _repeats(table: CellTable, time: np.ndarray, rows: slice) -> np.ndarray:
     """Rows that have the time and every cell of another row before them, in the order of their times; shape ``(N,)``."""
     order = np.argsort(time, kind="stable")
     found = np.zeros(time.size, dtype=bool)
@@ -306,7 +307,7 @@ def _repeats(table: Table, time: np.ndarray, rows: slice) -> np.ndarray:
     return found
 
 
-def _input(table: Table, column: Column, window: Window, way: str | None) -> tuple[Channel, str]:
+def _input(table: CellTable, column: SourceColumn, window: Window, way: str | None) -> tuple[Channel, str]:
     """An input; one that was recorded at a lower rate than the rows is continued between its own samples, and a sentence says how.
 
     Its own samples count as a lower rate where no two lie further apart than two and a half of their usual distance.
@@ -334,7 +335,7 @@ def _input(table: Table, column: Column, window: Window, way: str | None) -> tup
     return _converted(table, column, filled), note
 
 
-def _channel(table: Table, column: Column, window: Window) -> Channel:
+def _channel(table: CellTable, column: SourceColumn, window: Window) -> Channel:
     content = _sized(table, column)
     rows = window.rows
     _check_cells(table, column, content, rows)
@@ -346,7 +347,7 @@ def _channel(table: Table, column: Column, window: Window) -> Channel:
     return _converted(table, column, values)
 
 
-def _converted(table: Table, column: Column, values: np.ndarray) -> Channel:
+def _converted(table: CellTable, column: SourceColumn, values: np.ndarray) -> Channel:
     if not column.inside:
         return Channel.of(column.channel, column.unit, values)
     return Channel.of(column.channel, column.inside, np.asarray(to_si(values, column.unit, column.inside, column_place(table.file, column))))
@@ -356,12 +357,12 @@ def _row_of(window: Window, sample: int) -> int:
     return window.rows.start + (sample if window.order is None else int(window.order[sample]))
 
 
-def _empty(table: Table, column: Column, rows: slice) -> bool:
+def _empty(table: CellTable, column: SourceColumn, rows: slice) -> bool:
     content = numbers(table, column.index)
     return not np.any(~np.isnan(content.values[rows])) and not any(position in range(rows.start, rows.stop) for position in content.texts)
 
 
-def _sized(table: Table, column: Column) -> Numbers:
+def _sized(table: CellTable, column: SourceColumn) -> Numbers:
     content = numbers(table, column.index)
     if content.values.size != table.rows.size:
         what = f"{content.values.size} values for {table.rows.size} times"
@@ -369,7 +370,7 @@ def _sized(table: Table, column: Column) -> Numbers:
     return content
 
 
-def _check_cells(table: Table, column: Column, content: Numbers, rows: slice) -> None:
+def _check_cells(table: CellTable, column: SourceColumn, content: Numbers, rows: slice) -> None:
     """Refuse, within the window, the first row that is ragged, holds text or an infinite number."""
     inside = range(rows.start, rows.stop)
     for position in sorted(set(table.ragged) & set(inside))[:1]:
@@ -391,15 +392,15 @@ def _check_cells(table: Table, column: Column, content: Numbers, rows: slice) ->
     raise RecordError("an infinite value" if column.channel != TIME else "time is infinite", where=where, remedy=remedy)
 
 
-def _row_remedy(table: Table, position: int) -> str:
+def _row_remedy(table: CellTable, position: int) -> str:
     more = table.separator == "," and table.ragged[position] > len(table.header)
     return f"give each row one cell a column, {'numbers with points, not decimal commas' if more else 'empty where a sample is missing'}"
 
 
-def _cell(table: Table, column: Column, position: int) -> str:
+def _cell(table: CellTable, column: SourceColumn, position: int) -> str:
     return f"{table.file}, row {table.rows[position]}, column {column.header!r}"
 
 
-def _there(column: Column | None) -> Column:
+def _there(column: SourceColumn | None) -> SourceColumn:
     assert column is not None
     return column

@@ -1,18 +1,88 @@
-"""Files opened once: their bytes, and the hash of just these bytes; what has no end or is too large
-is refused before it is read.
-"""
+"""Files opened once: bytes and hashes, escaped text, JSON and TOML as plain values, versions."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import json
+import math
 import os
+import platform
 import select
 import stat
+import sys
 import time
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any, cast
 
-from sim.errors import FlightidError
+from sim.errors import DeclarationError, FlightidError
+
+# ---- Control characters that came with headers
+
+# Besides the control characters proper: line separators, and marks that turn the direction of
+# writing, by which a text shows other than it is.
+_HIDDEN = (
+    *range(0x20),
+    *range(0x7F, 0xA0),
+    0x2028,
+    0x2029,
+    *range(0x202A, 0x202F),
+    *range(0x2066, 0x206A),
+)
+_SHOWN = {number: f"\\u{number:04x}" for number in _HIDDEN if chr(number) not in "\n\t"}
+
+
+def escaped(text: str) -> str:
+    """The text with every control character but line ends and tabs as ``\\u001b``, which JSON reads
+    back as it was.
+    """
+    return text if text.isascii() and text.isprintable() else text.translate(_SHOWN)
+
+
+class EscapedStream:
+    """A text stream that escapes what is written; everything else is that of ``inner``."""
+
+    def __init__(self, inner: Any) -> None:
+        self.inner = inner
+
+    def write(self, text: str) -> int:
+        """Write the escaped text; the number of characters of the text itself."""
+        self.inner.write(escaped(text))
+        return len(text)
+
+    def writelines(self, lines: Any) -> None:
+        """Write each line escaped."""
+        for line in lines:
+            self.write(line)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.inner, name)
+
+
+@contextmanager
+def escaped_streams() -> Iterator[None]:
+    """Escape what is printed on stdout and stderr while the body runs."""
+    out, err = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (None if each is None else cast(Any, EscapedStream(each)) for each in (out, err))
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = out, err
+
+
+def styled_stream(stream: Any) -> Any:
+    """The stream below the escaping, for what writes styles of its own and escapes its texts
+    itself.
+    """
+    return stream.inner if isinstance(stream, EscapedStream) else stream
+
+
+# ---- Files opened once
 
 MOST_RECORD = 1 << 30  # bytes of a record file, as it stands and unpacked: a few times that has room in memory
 MOST_DECLARED = 1 << 22  # bytes of a TOML or Python file: the parser takes a second for each million
@@ -139,3 +209,145 @@ def _first_piece(handle: int) -> bytes:
     while not (piece := _piece(handle)) and time.monotonic() < until:
         time.sleep(0.02)
     return piece
+
+
+# ---- JSON and TOML texts as plain values, within bounds that every file of ours keeps
+
+DEEPEST = 64  # tables and lists inside each other
+MOST_DIGITS = 300  # of a whole number, which then fits into a float
+_documents_SHOWN = 40  # characters of what is wrong
+
+
+class DocumentError(ValueError):
+    """A text that is no JSON or TOML, or holds what no file of ours does; its text says what, in a
+    few words, and ``key`` where if that is known.
+    """
+
+    def __init__(self, what: str, key: str = "") -> None:
+        super().__init__(what)
+        self.key = key
+
+
+def json_value(content: bytes | str) -> Any:
+    """The value of a strict JSON text.
+
+    Raises
+    ------
+    DocumentError : it is not UTF-8, no JSON, nested deeper than ``DEEPEST``, or holds a number
+        that is not finite or has too many digits.
+    """
+    try:
+        value = json.loads(content, parse_int=_whole, parse_constant=_constant)
+    except DocumentError:
+        raise
+    except RecursionError:
+        raise DocumentError(f"nested deeper than {DEEPEST} levels") from None
+    except UnicodeDecodeError:
+        raise DocumentError("not UTF-8 text") from None
+    except ValueError as error:
+        raise DocumentError(f"not JSON: {' '.join(str(error).split())}") from None
+    _refuse_extremes(value, finite=True)
+    return value
+
+
+def toml_value(text: str) -> dict[str, Any]:
+    """The tables of a TOML text, in which infinite numbers may stand.
+
+    Raises
+    ------
+    DocumentError : it is no TOML, nested deeper than ``DEEPEST``, or holds a whole number of
+        too many digits.
+    """
+    try:
+        value = tomllib.loads(text)
+    except RecursionError:
+        raise DocumentError(f"nested deeper than {DEEPEST} levels") from None
+    except tomllib.TOMLDecodeError as error:
+        raise DocumentError(f"not valid TOML: {' '.join(str(error).split())}") from None
+    except ValueError:  # Python's own limit of digits, and dates that no calendar has
+        raise DocumentError(f"not valid TOML: a number of more than {MOST_DIGITS} digits, or no date") from None
+    _refuse_extremes(value, finite=False)
+    return value
+
+
+def read_json(path: Path, error: type[FlightidError] = DeclarationError, wanted: str = "the folder of a study") -> Any:
+    """The value of a JSON file.
+
+    Raises
+    ------
+    FlightidError : of the kind ``error``: it cannot be read, or as ``json_value``; the line
+        names the file and what to name instead, ``wanted``.
+    """
+    content = read_content(path, error, wanted, MOST_DOCUMENT)
+    try:
+        return json_value(content)
+    except DocumentError as fault:
+        raise error(
+            str(fault),
+            where=f"{path}, key {fault.key}" if fault.key else str(path),
+            remedy=f"name {wanted}",
+        ) from None
+
+
+def found_json(path: Path) -> Any:
+    """The value of a JSON file that may be another's or damaged: None where there is none or it is
+    no strict JSON.
+    """
+    try:
+        return read_json(path)
+    except DeclarationError:
+        return None
+
+
+def _whole(text: str) -> int:
+    if len(text) > MOST_DIGITS:
+        raise DocumentError(f"a number of {len(text)} digits")
+    return int(text)
+
+
+def _constant(word: str) -> float:
+    raise DocumentError(f"{word} is not a finite number")
+
+
+def _refuse_extremes(value: Any, *, finite: bool) -> None:
+    """Go through all values, level by level so that no depth can overrun this."""
+    level, depth = [("", value)], 0
+    while level:
+        if depth > DEEPEST:
+            raise DocumentError(f"nested deeper than {DEEPEST} levels", level[0][0][:_documents_SHOWN])
+        inner: list[tuple[str, Any]] = []
+        for key, each in level:
+            if isinstance(each, dict):
+                inner += [(f"{key}.{name}" if key else str(name), item) for name, item in each.items()]
+            elif isinstance(each, list):
+                inner += [(key, item) for item in each]
+            elif isinstance(each, int) and abs(each) >= 10**MOST_DIGITS:
+                raise DocumentError(
+                    f"{str(each)[:_documents_SHOWN]}... is not a number to compute with: it has more than {MOST_DIGITS} digits",
+                    key,
+                )
+            elif finite and isinstance(each, float) and not math.isfinite(each):
+                raise DocumentError("a number beyond the range of floats", key)
+        level, depth = inner, depth + 1
+
+
+# ---- Versions of what the numbers hang on
+
+PACKAGES = ("flightid", "numpy", "scipy", "filterpy", "control")
+
+
+def versions() -> dict[str, str]:
+    """Python's version and those of the packages that are installed, the same in every file that a command writes."""
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        with contextlib.suppress(PackageNotFoundError):
+            found[package] = version(package)
+    return found
+
+
+def own_version() -> str:
+    """The version of this package; ``"0+unknown"`` of a checkout that was never installed."""
+    try:
+        return version("flightid")
+    except PackageNotFoundError:
+        return "0+unknown"

@@ -8,11 +8,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.constraints import NONE, Constraints, refuse_nothing_left, said_where_it_stands, take_constraints
 from scenarios.files.declarations import checked, read_toml_source, toml_of
 from scenarios.files.measured.record_file import RecordFile, path_of
-from scenarios.files.own_models import OwnModel, is_model_file, own_numbers, read_own_model
 from scenarios.files.sources import InputFile, Source
+from scenarios.files.user_models import (
+    NONE,
+    Constraints,
+    OwnModel,
+    is_model_file,
+    own_numbers,
+    read_own_model,
+    refuse_nothing_left,
+    said_where_it_stands,
+    take_constraints,
+)
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
 
@@ -135,7 +144,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
     ------
     DeclarationError : one line with file, key and remedy: not TOML, an unknown or missing key, a value of the wrong kind, unit or sign.
     """
-    from scenarios.files.vehicles_schema import SCHEMAS, mode_schema, refuse_unusable, units_of_starts
+    from scenarios.files.schemas import SCHEMAS, mode_schema, refuse_unusable, units_of_starts
 
     path, content = source.path, toml_of(source)
     units = units_of_starts(model, content.get("modes"))

@@ -1,13 +1,20 @@
-"""Records and results as files: CSV that reads back bit for bit, and strict JSON."""
+"""Records and results as files, and the study folder that holds them."""
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import errno
 import io
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+import shutil
+import signal
+import tempfile
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -15,10 +22,12 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.channel_names import TIME
-from scenarios.files.escaping import escaped
-from scenarios.files.measured.sidecar import SCHEMA, SIMULATED
+from scenarios.files.measured.columns import SCHEMA, SIMULATED
+from scenarios.files.sources import escaped, found_json, resolved
 from sim.errors import FlightidError
 from sim.record import Record
+
+# ---- Records and results as files: CSV that reads back bit for bit, and strict JSON
 
 _SHORT = 40  # characters of a file's name that its temporary one has, so that a long name can be used
 RESPONSE, PREDICTED, TRUE = "response", "predicted_", "true_"  # a study's outputs over time: its file, and what stands before their names
@@ -162,3 +171,222 @@ def _laid_out(value: Any, indent: str) -> str:
     if isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
         return "[\n" + ",\n".join(inner + _laid_out(item, inner) for item in value) + f"\n{indent}]"
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+# ---- The study folder
+
+MANIFEST = "files"
+_folders_SHORT = 40  # characters of a folder's name that its temporary one has, so that a long name can be used
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class _Scratch:
+    """A temporary folder, and two open files set aside: where all others are used up, removing the folder needs them."""
+
+    def __init__(self, beside: Path, name: str) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix=f".{name[:_folders_SHORT]}-", dir=beside))
+        self._aside: list[int] = []
+        with contextlib.suppress(OSError):
+            self._aside += [os.open(os.devnull, os.O_RDONLY) for _ in range(2)]
+
+    def remove(self) -> None:
+        """Remove the folder with all that is in it."""
+        while self._aside:
+            os.close(self._aside.pop())
+        shutil.rmtree(self.path, ignore_errors=True)
+
+
+@contextmanager
+def study_folder(path: str | Path, main: str) -> Iterator[Path]:
+    """A temporary folder to write a study into; on leaving, its files become those of ``path``.
+
+    ``path`` may be missing, empty, or hold an older run. ``main`` is the study's own JSON (``"comparison.json"``,
+    ``"diagnosis.json"``): it must be written, gets the list of all files under the key ``files``, and is renamed last, so
+    a folder with a new ``main`` is a complete one.
+
+    Files of ours are known by that list: what an older ``main`` lists, no other study in the folder lists and the new
+    one did not write is removed; every other file is left alone. If the body raises, nothing is left behind and
+    an older run stays whole.
+
+    Raises
+    ------
+    FlightidError : ``path`` is a file or cannot be written, or a folder stands where a file of ours should go.
+    """
+    target = resolved(path)
+    if os.path.lexists(target) and not os.path.isdir(target):
+        what = "this is a link that leads nowhere" if os.path.islink(target) else "this is a file, not a folder"
+        raise FlightidError(what, where=str(path), remedy="name another folder")
+    made: list[Path] = []
+    scratch: _Scratch | None = None
+    try:
+        try:
+            _make(target.parent, made)
+            scratch = _Scratch(target.parent, target.name)
+        except OSError as error:
+            raise unwritable(path, error) from None
+        try:
+            yield scratch.path
+        except OSError as error:
+            if error.errno in _FULL:
+                raise unwritable(path, error) from None
+            raise
+        try:
+            with _uninterrupted(path):
+                _move_in(scratch.path, target, main, made)
+        except OSError as error:
+            raise unwritable(path, error) from None
+    except BaseException:
+        if scratch is not None:
+            scratch.remove()
+        _unmake(made)
+        raise
+    scratch.remove()
+
+
+@contextmanager
+def files_together(named: Path) -> Iterator[Path]:
+    """A temporary folder to write a record into, with the files that belong beside it; on leaving they go into the folder of ``named``, all or none.
+
+    ``named`` is the file that the user asked for, which is replaced. Of the others a JSON file is replaced where its schema is ours, any other
+    where such a JSON file beside it shows that an earlier call wrote them.
+
+    Raises
+    ------
+    FlightidError : the folder cannot be written, or a file of somebody else has the name of one of ours.
+    """
+    target = named.parent
+    made: list[Path] = []
+    scratch: _Scratch | None = None
+    try:
+        try:
+            _make(target, made)
+            scratch = _Scratch(target, named.stem)
+            yield scratch.path
+            _refuse_strangers(scratch.path, named)
+            with _uninterrupted(named):
+                for name in sorted(os.listdir(scratch.path), key=lambda name: (name == named.name, name)):
+                    os.replace(scratch.path / name, target / name)
+        except OSError as error:
+            raise unwritable(named, error) from None
+    except BaseException:
+        if scratch is not None:
+            scratch.remove()
+        _unmake(made)
+        raise
+    scratch.remove()
+
+
+def _refuse_strangers(scratch: Path, named: Path) -> None:
+    """Raise FlightidError where a file beside the named one is there already and none of ours."""
+    beside = [named.parent / name for name in sorted(os.listdir(scratch)) if name != named.name]
+    ours = {path for path in beside if path.suffix == ".json" and _is_ours(path)}
+    for path in (named, *beside):
+        if path.is_dir() or (path in beside and os.path.lexists(path) and path not in ours and (path.suffix == ".json" or not ours)):
+            what = "it stands where a file that goes with the record has to go, and flightid did not write it"
+            raise FlightidError(what, where=str(path), remedy="move it away, or name another record file")
+
+
+def _is_ours(path: Path) -> bool:
+    content = found_json(path)
+    return isinstance(content, dict) and str(content.get("schema", "")).startswith("flightid/")
+
+
+@contextmanager
+def _uninterrupted(path: str | Path) -> Iterator[None]:
+    """What would end the process waits until the files are in their place, and then says so: a study is there whole or not at all."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    former = {number: signal.getsignal(number) for number in _ENDING if callable(signal.getsignal(number))}
+    for number in former:
+        signal.signal(number, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
+    for number in came:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(number)
+        raise KeyboardInterrupt(f"the study in {path} is whole")
+
+
+def listed_files(main: Path) -> frozenset[str]:
+    """The files that a study's JSON lists as ours; none if it is not a study's or lists nothing."""
+    content = found_json(main)
+    if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("flightid/"):
+        return frozenset()
+    names = content.get(MANIFEST)
+    return frozenset(name for name in names if isinstance(name, str) and _is_plain(name)) if isinstance(names, list) else frozenset()
+
+
+def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
+    written = sorted(entry.name for entry in scratch.iterdir())
+    if main not in written:
+        raise ValueError(f"the study did not write {main}")
+    if not all((scratch / name).is_file() for name in written):
+        raise ValueError("a study folder holds files only")
+    _refuse_unportable(written)
+    for name in written:
+        if (target / name).is_dir():
+            raise FlightidError("a folder stands where a file has to go", where=str(target / name), remedy="move it away, or name another folder")
+    content = json.loads((scratch / main).read_bytes())
+    write_json(scratch / main, {**content, MANIFEST: written})
+    others = [entry for entry in target.glob("*.json") if entry.name != main] if target.is_dir() else []
+    kept = set(written).union(*(listed_files(entry) for entry in others))
+    stale = listed_files(target / main) - kept
+    _make(target, made)
+    for name in sorted(written, key=lambda name: (name == main, name.endswith(".json"), name)):
+        if name == main:
+            for old in sorted(stale):
+                if (target / old).is_file():
+                    (target / old).unlink()
+        _rename(scratch / name, target / name)
+
+
+def _refuse_unportable(names: Sequence[str]) -> None:
+    """Raise ValueError where a study's files cannot all have their names on every system; free names are refused when they are read."""
+    for name in names:
+        if why := unportable(name):
+            raise ValueError(f"the name of the file {name!r} {why}")
+    if len({name.lower() for name in names}) < len(names):
+        raise ValueError("two files of a study differ by upper and lower case alone")
+
+
+def _rename(source: Path, target: Path) -> None:
+    try:
+        os.replace(source, target)
+    except OSError as error:
+        if error.errno != errno.EXDEV:
+            raise
+        part = target.with_name(f".{target.name}.part")  # the folder is a mount point: what lies beside it is another disk
+        shutil.copyfile(source, part)
+        os.replace(part, target)
+
+
+def _make(folder: Path, made: list[Path]) -> None:
+    """Make a folder and its parents, and note those that were not there."""
+    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    for parent in reversed(missing):
+        parent.mkdir(exist_ok=True)
+        made.append(parent)
+
+
+def _unmake(made: list[Path]) -> None:
+    """Remove folders that were made and are empty."""
+    for folder in reversed(made):
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+
+
+def _is_plain(name: str) -> bool:
+    """True for a file's bare name: nothing outside the folder may be named by a file in it."""
+    return name not in ("", ".", "..") and "/" not in name and "\\" not in name and "\0" not in name
+
+
+def unwritable(path: str | Path, error: OSError) -> FlightidError:
+    """The error for a place that cannot be written, with what the operating system says of it."""
+    remedy = "make room, or name a place on another disk" if error.errno in _FULL else "name a folder that you may write in"
+    return FlightidError(f"cannot be written ({error.strerror})", where=str(path), remedy=remedy)

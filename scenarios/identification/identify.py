@@ -1,9 +1,12 @@
-"""Identification of a measured record: no truth, noise levels from the data themselves."""
+"""Identification of measured records, from arrays and from files."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,26 +15,67 @@ from ident.flying_qualities.modes import characteristics, modal_estimate
 from ident.statistics.intervals import ProfileInterval
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.layout import FitSettings
-from scenarios.files.constraints import constraint_sentences
-from scenarios.files.own_models import moves_about_rest
-from scenarios.files.vehicles import VehicleFile
-from scenarios.identification.assessment.bounds import tied_rows, within_bounds
-from scenarios.identification.assessment.intervals import profiled
-from scenarios.identification.assessment.prediction import RecordFit, record_fits
-from scenarios.identification.assessment.training import trained_by
-from scenarios.identification.cautions import cautions_of, failed
-from scenarios.identification.frequency import METHOD as FREQUENCY
-from scenarios.identification.frequency import chosen_band, delays_of
-from scenarios.identification.gravity import PATH, weighed, without_theta
-from scenarios.identification.methods import FILTERS, engine_of, estimated_by, forced, refuse_method, uses_attitude
-from scenarios.identification.result import PLAIN, Identification, Options
-from scenarios.identification.sigma_cautions import sigma_cautions
-from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
+from scenarios.files.channel_names import CHANNEL_UNITS
+from scenarios.files.measured.record_file import RecordFile, path_of, read_with_validation, refuse_twice
+from scenarios.files.records import has_clock
+from scenarios.files.user_models import channel_units, constraint_sentences, moves_about_rest
+from scenarios.files.vehicles import VehicleFile, read_beside, read_vehicle, refuse_unknown_model, vehicle_beside
+from scenarios.identification.assessment import (
+    PLAIN,
+    SETTLED,
+    WORDS,
+    IdentificationResult,
+    Options,
+    OtherReading,
+    RecordFit,
+    left_out,
+    opposite,
+    other_reading,
+    pooled_fits,
+    profiled,
+    record_fits,
+    same_points,
+    tied_rows,
+    trained_by,
+    wild_points,
+    with_wild_points,
+    within_bounds,
+    without,
+)
+from scenarios.identification.conditions import METHOD as FREQUENCY
+from scenarios.identification.conditions import (
+    PATH,
+    cautions_of,
+    chosen_band,
+    delays_of,
+    disturbed_outputs,
+    failed,
+    sigma_cautions,
+    weighed,
+    without_theta,
+)
+from scenarios.identification.methods import FILTERS, METHODS, engine_of, estimated_by, forced, refuse_method, uses_attitude
+from scenarios.preparation.declared_model import BETTER, held_by_computer, likelier_by, model_of_file, outputs_with_bias, step_for
+from scenarios.preparation.plan import BY_HAND, Request, column_choices, flown_of, reading_options
+from scenarios.preparation.plausibility import cruise_caution, refuse_still, refuse_strangers, refuse_unpredictable
+from scenarios.preparation.reading import prepare
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
 from sim.effects.disturbance.phugoid import ATTITUDE, SPEED
-from sim.record import Record
+from sim.errors import DeclarationError
+from sim.record import Hold, Record
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ident.flying_qualities.levels import Flown
+    from scenarios.files.channels import ColumnChoice
+    from scenarios.preparation.plan import Plan
+    from scenarios.preparation.reading import Prepared
+
+
+# ---- Identification of a measured record: no truth, noise levels from the data themselves
 
 SIMULATED = ("output-error", FREQUENCY)  # methods whose fitted outputs are those of a free simulation
 FIT_STEP = 0.01
@@ -48,7 +92,7 @@ def identify(
     options: Options = PLAIN,
     *,
     trusted: bool = False,
-) -> Identification:
+) -> IdentificationResult:
     """Estimate a vehicle file's model from a record, or by a whole-record method from it and ``others`` together.
 
     ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own.
@@ -81,7 +125,7 @@ def identify(
     rows, names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
     airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
     flown, compiled = estimate.only(system.parameters.names), compile_model(bounded, outputs)
-    return Identification(
+    return IdentificationResult(
         record,
         vehicle,
         method,
@@ -136,7 +180,7 @@ def _derived(vehicle: VehicleFile, system: System, estimate: Estimate, flown: Es
     return derived
 
 
-def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record], engine: str | None, *, trusted: bool) -> Identification:
+def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record], engine: str | None, *, trusted: bool) -> IdentificationResult:
     """The low-order system by its own filter, and what it predicts."""
     from scenarios.identification.low_order import identify_loes
 
@@ -181,3 +225,175 @@ def _tests(records: Sequence[Record], estimate: Estimate) -> tuple[ResidualTest,
     valid = np.concatenate([known for _, known in measured], axis=1)
     residuals = np.concatenate([z - fitted for (z, _), fitted in zip(measured, estimate.fitted, strict=True)], axis=1)
     return residual_tests(estimate, np.where(valid, residuals, 0.0), valid)
+
+
+# ---- Identification on files
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identified:
+    """An identification with what it was made from.
+
+    ``flown``: by which class and category levels of flying qualities are told. ``measured``: the fitted records as they would be written.
+    ``files`` are those of the fit, ``validation`` those that were predicted; ``plan``: how all were read.
+    """
+
+    found: IdentificationResult
+    flown: Flown
+    measured: tuple[Record, ...]
+    files: tuple[RecordFile, ...]
+    validation: tuple[RecordFile, ...]
+    plan: Plan
+
+    def __repr__(self) -> str:
+        return f"<Identified: {self.found!r}>"
+
+
+def identify_files(request: Request, method: str, options: Options = PLAIN) -> Identified:
+    """Read everything, fit, and say what the other reading of the inputs between samples would change where nobody said how to read them.
+
+    Raises
+    ------
+    FlightidError : anything asked or in the files that keeps them from being used, in one line.
+    """
+    refuse_unknown_model(request.model, "--model")
+    if method not in METHODS:
+        raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
+    refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
+    beside = vehicle_beside(request.records[0]) if request.vehicle is None else None
+    vehicle = read_vehicle(request.vehicle or beside, request.model)
+    flown = flown_of(request, vehicle)
+    choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
+    files, validation = read_with_validation(request.records, request.validate)
+
+    # A search for maneuvers resamples nothing: a rate is for files that have no clock of their own.
+    opening = reading_options(request, opening=True, rate=not has_clock(files[0], choices))
+
+    def identified(plan: Plan, asked: Options) -> tuple[Prepared, IdentificationResult]:
+        return _identified(vehicle, method, (files, validation), choices, plan, asked, opening)
+
+    ready, found = identified(request.plan, options)
+    if method not in FILTERS and found.record.inputs and request.plan.hold is None and not any(file.sidecar.says_hold for file in files):
+        ready, found = _read_otherwise(ready, found, lambda hold, asked: identified(replace(request.plan, hold=hold), asked), options)
+    proposed = _filter_error_proposed(request, vehicle, found)
+    found = replace(found, notes=(*read_beside([*files, *validation], beside), *found.notes, *proposed))
+    return Identified(found, flown, ready.measured, files, validation, request.plan)
+
+
+def _identified(
+    vehicle: VehicleFile,
+    method: str,
+    files: tuple[tuple[RecordFile, ...], tuple[RecordFile, ...]],
+    choices: Mapping[str, ColumnChoice] | None,
+    plan: Plan,
+    asked: Options,
+    opening: Sequence[str] = (),
+) -> tuple[Prepared, IdentificationResult]:
+    """Records prepared by ``plan``, and what a fit to them finds; ``opening``: options of the
+    command line that open the files."""
+    # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
+    own = vehicle.model == "loes" and method == "ekf"
+    flow, attitude = not own and method != FREQUENCY, uses_attitude(vehicle, method)
+    ready = prepare(files[0], model_of_file(vehicle), plan, choices, files[1], flow=flow, attitude=attitude)
+    refuse_strangers(ready.fitted, ready.validation)
+    refuse_still(ready.fitted, ready.model)
+    refuse_unpredictable(ready.predicted, ready.model)
+    trusted = plan.trusted or method == FREQUENCY
+    first, *others = ready.measured if own else ready.fitted
+    notes = ready.notes
+    if method in FILTERS and others and len(files[0]) * len(plan.segments) == 1:
+        first, others = max((first, *others), key=len), []
+        notes = (*notes, f"a filter runs along one part of a record: the longest, {first.name}, is used")
+
+    def fitted(records: Sequence[Record]) -> IdentificationResult:
+        return identify(records[0], vehicle, method, records[1:], ready.model, ready.validation, asked, trusted=trusted)
+
+    found, masks = _without_wild_points(fitted, (first, *others), trusted=trusted)
+    look = with_wild_points(ready.look, (first, *others), masks)
+    held = [fit.record for fit in found.fits if fit.held_out]
+    look = with_wild_points(look, ready.validation, [left_out(*pair) for pair in zip(ready.validation, held, strict=True)])
+    found = replace(found, fits=pooled_fits(found.fits, ready.parted))
+    by_name = {record.name: some for record, some in zip((first, *others), masks, strict=True)}
+    measured = tuple(without(record, by_name.get(record.name, {})) for record in ready.measured)
+    cruise = cruise_caution(ready.measured, files[0][0].identity.name, opening)
+    doubts = (*ready.doubts, *([cruise] if cruise else []))
+    return replace(ready, measured=measured), replace(found, notes=(*notes, *found.notes), doubts=doubts, look=look)
+
+
+def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: IdentificationResult) -> tuple[str, ...]:
+    """The command for filter error, where residuals are as process noise makes them and the model has a place for it."""
+    moved = disturbed_outputs([found.record, *found.others], found.estimate, found.tests)
+    if not moved:
+        return ()
+    try:
+        forced(model_of_file(vehicle), [found.record])
+    except DeclarationError:
+        return ()
+    paths = [path_of(record) for record in request.records]
+    words = [str(path) if path is not None else "RECORD" for path in paths]
+    model = request.model if isinstance(request.model, str) else "MODEL"
+    given = {"--model": model, "--vehicle": request.vehicle}
+    options = [word for option, value in given.items() if isinstance(value, str | Path) for word in (option, str(value))]
+    validate = [str(path) for record in request.validate if (path := path_of(record)) is not None]
+    options += [*(word for path in validate for word in ("--validate", path)), *reading_options(request)]
+    command = shlex.join(["flightid", "identify", *words, *options, "--method", "filter-error"])
+    listed = f"{', '.join(moved[:-1])} and {moved[-1]}" if len(moved) > 1 else moved[0]
+    return (f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such noise together with the parameters",)
+
+
+def _without_wild_points(
+    fitted: Callable[[Sequence[Record]], IdentificationResult], records: Sequence[Record], *, trusted: bool
+) -> tuple[IdentificationResult, list[dict[str, np.ndarray]]]:
+    """A fit less isolated wrong samples, and these by record and channel; looked for again among all samples once they no longer bend the fit."""
+    found = fitted(records)
+    masks: list[dict[str, np.ndarray]] = [{} for _ in records]
+    for _ in range(0 if trusted else 2):
+        fits = [fit for fit in found.fits if not fit.held_out]
+        again = wild_points(fits[0].outputs if fits else (), [fit.simulated for fit in fits], records)
+        if same_points(again, masks):
+            break
+        masks = again
+        found = fitted([without(record, some) for record, some in zip(records, masks, strict=True)])
+    return found, masks
+
+
+def _read_otherwise(
+    ready: Prepared, found: IdentificationResult, again: Callable[[Hold, Options], tuple[Prepared, IdentificationResult]], options: Options
+) -> tuple[Prepared, IdentificationResult]:
+    """The identification under the reading of its inputs that the data choose, with what the other one changes where they do not choose.
+
+    The first reading was chosen before wild points were set aside; inputs that a computer steps stay held.
+    """
+    used = found.record.hold
+    other_ready, other = again(opposite(used), replace(options, profile=None))
+    if any(each.estimate.outcome not in SETTLED for each in (found, other)):
+        return ready, found
+    gain = _gain(found, other)
+    if gain >= BETTER and not all(held_by_computer(record) for record in (found.record, *found.others)):
+        if options.profile is not None:
+            other_ready, other = again(opposite(used), options)
+        decision = OtherReading(opposite(used), used, (), -gain).decision
+        chosen = f"inputs {WORDS[opposite(used)]} between samples: {BY_HAND}"
+        notes = tuple(decision if note == chosen else note for note in other.notes)
+        return other_ready, replace(other, decided=other_reading(opposite(used), other.rows, found.rows, -gain), notes=notes)
+    reading = other_reading(used, found.rows, other.rows, gain)
+    if reading is not None and reading.decided:
+        said = [note for note in found.notes if note.startswith(f"inputs {WORDS[used]} between samples")]
+        return ready, replace(found, decided=reading, notes=found.notes if said else (*found.notes, reading.decision))
+    return ready, replace(found, reading=reading)
+
+
+def _gain(found: IdentificationResult, other: IdentificationResult) -> float:
+    """Twice the log likelihood by which the simulations of another identification of the same records fit them better."""
+    pairs = [pair for pair in zip(found.fits, other.fits, strict=True) if not pair[0].held_out]
+    if not pairs or any(fit.figures is None for pair in pairs for fit in pair):
+        return 2.0 * (other.estimate.log_likelihood - found.estimate.log_likelihood)
+    residuals: tuple[list[np.ndarray], list[np.ndarray]] = [], []
+    known = []
+    for pair in pairs:
+        measured, valid = pair[0].record.output_array(pair[0].outputs)
+        sound = valid & np.isfinite(pair[0].simulated) & np.isfinite(pair[1].simulated)
+        known.append(sound)
+        for some, fit in zip(residuals, pair, strict=True):
+            some.append(np.where(sound, measured - fit.simulated, 0.0))
+    return likelier_by(*residuals, known)

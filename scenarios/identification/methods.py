@@ -13,15 +13,13 @@ from ident.filters.ekf import FilterSettings, run_iterated_ekf
 from ident.filters.smoother import with_coloured_covariance
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_output_error
-from scenarios.files.own_models import inputs_at_rest, is_own
+from scenarios.files.user_models import inputs_at_rest, is_own
 from scenarios.files.vehicles import VehicleFile
-from scenarios.identification.assessment.intervals import refuse_profile
-from scenarios.identification.frequency import METHOD as FREQUENCY
-from scenarios.identification.frequency import delays_of, estimated, refuse_band
-from scenarios.identification.gravity import PATH
-from scenarios.identification.result import Options
-from scenarios.preparation.trim import of_totals
-from scenarios.studies.engines import UNSCENTED
+from scenarios.identification.assessment import Options, refuse_profile
+from scenarios.identification.conditions import METHOD as FREQUENCY
+from scenarios.identification.conditions import PATH, delays_of, estimated, refuse_band
+from scenarios.preparation.measured_inputs import of_totals
+from scenarios.studies.comparison import UNSCENTED
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet
 from sim.declaration.model import Model, Noise, System

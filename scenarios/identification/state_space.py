@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from ident.flying_qualities.modes import LONGITUDINAL_STATES, StateSpace, level_flight, state_space
-from scenarios.files.measured.sidecar import sidecar_path
-from scenarios.files.own_models import inputs_at_rest
+from scenarios.files.measured.columns import sidecar_path
 from scenarios.files.sources import resolved
+from scenarios.files.user_models import inputs_at_rest
 from scenarios.files.writing import write_content
-from scenarios.identification.result import Identification
+from scenarios.identification.assessment import IdentificationResult
 from sim.declaration.model import Model, System
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
@@ -25,7 +25,7 @@ SCHEMA = "flightid/state-space/1"
 NEIGHBOURS = 11  # samples whose slope is the velocity of a falling body
 
 
-def state_space_of(found: Identification) -> StateSpace:
+def state_space_of(found: IdentificationResult) -> StateSpace:
     """The identified model as ``linearised``."""
     assert found.system is not None
     return linearised(found.system, found.estimate.as_dict(), found.record, found.vehicle.own)

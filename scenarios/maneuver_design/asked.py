@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.own_models import OwnModel
 from scenarios.files.sources import Source
+from scenarios.files.user_models import OwnModel
 
 TYPICAL, JUST_FOUND = "typical", "found"
 

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from ident.maneuver_design.rivalry import Acting, Contest
-from scenarios.files.versions import versions
+from scenarios.files.sources import versions
 from scenarios.maneuver_design.design import Design, Maneuver
 from scenarios.maneuver_design.text import notes_of, peaks_of, units_shown, verdict_of
 

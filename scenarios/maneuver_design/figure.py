@@ -8,8 +8,8 @@ from functools import partial
 from scenarios.maneuver_design.design import Design
 from scenarios.maneuver_design.limits import offset_of
 from scenarios.maneuver_design.text import pace_text, units_shown
-from scenarios.plots.files import Named
-from scenarios.plots.studies.maneuvers import Course, figure_coherence, figure_maneuvers
+from scenarios.plots.drawing import Named
+from scenarios.plots.maneuvers import ManeuverCourse, figure_coherence, figure_maneuvers
 
 
 def design_figures(design: Design) -> Iterator[Named]:
@@ -20,7 +20,7 @@ def design_figures(design: Design) -> Iterator[Named]:
         motion, flown = each.flight.motion, each.flight.planned.record
         outputs = zip(motion.system.output_names, motion.fit.lines[0].y, strict=True)
         shown = {name: row + offset_of(setting.model, name) for name, row in outputs}
-        courses.append(Course(f"{each.kind}, {pace_text(each)}", {channel.name: channel.values for channel in flown.inputs}, shown))
+        courses.append(ManeuverCourse(f"{each.kind}, {pace_text(each)}", {channel.name: channel.values for channel in flown.inputs}, shown))
     limits = {name: (setting.rest[name] - size, setting.rest[name] + size) for name, size in setting.limits.amplitude.items()}
     if design.best.responses is not None:
         kinds = [(each.kind, each.responses) for each in design.maneuvers]

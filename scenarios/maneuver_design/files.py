@@ -8,15 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from scenarios.files.channel_names import TIME
-from scenarios.files.folders import study_folder
-from scenarios.files.writing import write_json, write_record, write_text
+from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.maneuver_design.content import design_content
 from scenarios.maneuver_design.design import Design, Maneuver
 from scenarios.maneuver_design.figure import design_figures
 from scenarios.maneuver_design.page import design_page
 from scenarios.pages.folder import write_page
-from scenarios.plots.formats import USUAL, Formats
-from scenarios.plots.page.named import Drawn
+from scenarios.plots.formats import USUAL, Drawn, Formats
 from sim.record import Record
 
 MAIN = "design.json"
@@ -36,7 +34,7 @@ def write_design(design: Design, folder: str | Path, *, figures: Formats = USUAL
         write_text(scratch / f"{EXPECTED}.csv", _expected(design))
         drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.page.drawing import drawn_for_page
+            from scenarios.plots.drawing import drawn_for_page
 
             drawn = drawn_for_page(design_figures(design), scratch, figures)
         write_page(scratch, design_page(design, drawn))

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.declarations import closest, read_toml
-from scenarios.files.own_models import is_own, unit_in
-from scenarios.files.vehicles_schema import number_in
-from scenarios.preparation.trim import of_totals
+from scenarios.files.schemas import number_in
+from scenarios.files.user_models import is_own, unit_in
+from scenarios.preparation.measured_inputs import of_totals
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
 from sim.maths import G0

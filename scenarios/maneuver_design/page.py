@@ -8,11 +8,9 @@ from collections.abc import Sequence
 from scenarios.maneuver_design.design import Design
 from scenarios.maneuver_design.text import LEAST, comparison, contest_table, notes_of, response_table, sigma_table, verdict_of
 from scenarios.pages.folder import figures
-from scenarios.pages.model import Bullets, Page, Prose, section
-from scenarios.pages.printed import rows_table
-from scenarios.pages.reproduction import now, reproduction
-from scenarios.pages.wording import capital, sentence
-from scenarios.plots.page.named import Drawn
+from scenarios.pages.model import Bullets, Page, Prose, as_sentence, capital, now, reproduction, section
+from scenarios.pages.tables import rows_table
+from scenarios.plots.formats import Drawn
 
 RULE = (
     "A maneuver decides where the loop would find the effect that acts and prefer it to the other by more than the three units of twice the log "
@@ -31,7 +29,7 @@ def design_page(design: Design, drawn: Sequence[Drawn] = ()) -> Page:
         kind=f"{setting.model.name} model, {setting.room.time[-1]:g} s at {setting.rate:g} Hz",
         verdict=capital(word.lower()),
         tone="open" if told and design.best.chance < LEAST else "good",
-        sentence=sentence(rest),
+        sentence=as_sentence(rest),
         summary=(),
         warnings=(),
         sections=(
@@ -44,7 +42,7 @@ def design_page(design: Design, drawn: Sequence[Drawn] = ()) -> Page:
             *section("Expected frequency responses", rows_table("Of one flight", *response_table(design)) if design.best.responses else None),
             *section("Expected standard deviations", rows_table("Cramer-Rao bounds", names, rows)),
             *section("Figures", *figures(drawn)),
-            *section("What it rests on", Bullets(tuple(map(sentence, map(capital, notes_of(design)))))),
+            *section("What it rests on", Bullets(tuple(map(as_sentence, map(capital, notes_of(design)))))),
         ),
         reproduction=reproduction(shlex.split(design.asked.command()), "", inputs),
         created=now(),

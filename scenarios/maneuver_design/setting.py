@@ -13,14 +13,14 @@ from ident.maneuver_design.planned_flight import Planned
 from ident.whole_record.layout import FitSettings
 from scenarios.files.declarations import closest
 from scenarios.files.formats.cells import plain_number
-from scenarios.files.own_models import channel_units, inputs_at_rest, is_own, unit_in
+from scenarios.files.schemas import number_in
+from scenarios.files.user_models import channel_units, inputs_at_rest, is_own, unit_in
 from scenarios.files.vehicles import VehicleFile, read_vehicle
-from scenarios.files.vehicles_schema import number_in
-from scenarios.identification.own_model.example_motion import PULSE, doublet_motion
+from scenarios.identification.model_checks import PULSE, doublet_motion
 from scenarios.maneuver_design.asked import Asked
 from scenarios.maneuver_design.kinds import Room
 from scenarios.maneuver_design.limits import Limits, limits_of, usual_limits
-from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, root_sizes, step_for
+from scenarios.preparation.declared_model import model_of_file, outputs_with_bias, root_sizes, step_for
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError

@@ -7,14 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from ident.maneuver_design.rivalry import Acting
-from scenarios.files.own_models import unit_in
+from scenarios.files.user_models import unit_in
 from scenarios.maneuver_design.design import Design, Maneuver
 from scenarios.maneuver_design.kinds import PACE_IS
-from scenarios.terminal.display_units import shown_in, spaced
-from scenarios.terminal.numbers import number
-from scenarios.terminal.paragraphs import WIDTH, wrapped
+from scenarios.terminal.quantities import number_text, shown_in, spaced
 from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import columns_of, table_lines
+from scenarios.terminal.tables import WIDTH, columns_of, table_lines, wrapped
 
 SHOWN = ("nz", "alpha", "q", "beta", "p", "r", "phi", "ny", "airspeed")  # outputs whose extremes stand in the table, those that the model has
 LEAST = 0.05  # chance, below which no maneuver is said to decide
@@ -111,7 +109,7 @@ def sigma_table(design: Design) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
     for name in design.best.sigmas:
         sigmas = [each.sigmas[name] for each in design.maneuvers]
         told = [f"{std:.2g}" if std < 1e3 * max(abs(parameters[name].value), 1e-3) else "not determined" for std in sigmas]
-        rows.append((name, parameters[name].unit, number(parameters[name].value), *told))
+        rows.append((name, parameters[name].unit, number_text(parameters[name].value), *told))
     return headings, rows
 
 

@@ -1,12 +1,136 @@
-"""The document that every page shows: a title, what was found, sections of prose, tables and figures, and how to do it again."""
+"""The document of a page: title, sections of prose, tables, figures and numbers, and how to reproduce it."""
 
 from __future__ import annotations
 
+import math
 import re
+import shlex
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
 
-from scenarios.pages.numbers import PURE, Cell, Number
+from scenarios.files.sources import versions
+from scenarios.terminal.quantities import determined, number_text
+from scenarios.terminal.summary import Summary
 from sim.errors import ModelError
+
+# ---- What stands in a cell of a page
+
+PURE = "1"  # the unit of counts, shares and ratios
+UNDETERMINED = "not determined"
+_DIGITS = r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
+_UNIT = r" (?:%|sigma|deg(?:/s2?)?|rad(?:/s2?)?|m?s|Hz|m(?:/s2?)?|g|kg|N)"
+_QUANTITY = re.compile(
+    rf"(?:<|> ?|over )?(?P<value>[+-]?{_DIGITS})(?: (?:\+-|±) (?P<sigma>{_DIGITS}))?(?P<unit>{_UNIT})?(?P<mark> ?\*| \(bound\))?"
+)  # "<1e-300" and "over +900 %" sort by their number
+
+
+_BELOW = re.compile(r"(?:[A-Za-z0-9][A-Za-z0-9._+-]*/)*[A-Za-z0-9][A-Za-z0-9._+-]*")
+
+
+@dataclass(frozen=True)
+class Number:
+    """A value with its standard deviation (None: it has none) in ``unit`` (empty: that of its column or row).
+
+    ``digits`` are behind the point; None takes as many as the sigma makes sensible, five significant ones without it. ``signed`` shows a plus.
+    ``shown`` replaces the number on the page, which still sorts by it.
+
+    Raises ModelError for a value or a sigma that is not finite.
+    """
+
+    value: float
+    sigma: float | None = None
+    unit: str = ""
+    digits: int | None = None
+    signed: bool = False
+    shown: str = ""
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value) or not (self.sigma is None or math.isfinite(self.sigma)):
+            raise ModelError(f"{self.value} +- {self.sigma} is not finite", where="number of a page", remedy="say in words why there is none")
+
+    @property
+    def text(self) -> str:
+        """As it stands on the page, with its own unit if it has one."""
+        if self.shown:
+            return self.shown
+        sign = "+" if self.signed and self.value >= 0 else ""
+        unit = f" {self.unit}" if self.unit not in ("", PURE) else ""
+        if self.digits is not None:
+            sigma = f" ± {self.sigma:.{self.digits}f}" if self.sigma else ""
+            return signs(f"{sign}{self.value:.{self.digits}f}{sigma}{unit}")
+        sigma = f" ± {number_text(self.sigma, self.sigma)}" if self.sigma else ""
+        return signs(f"{sign}{number_text(self.value, self.sigma)}{sigma}{unit}")
+
+
+@dataclass(frozen=True)
+class Link:
+    """Words that lead to a file below the page's own folder. Raises ModelError for anything else: a page leads nowhere outside."""
+
+    text: str
+    to: str
+
+    def __post_init__(self) -> None:
+        if not _BELOW.fullmatch(self.to):
+            raise ModelError(f"{self.to!r} is no file below the page", where="link of a page", remedy="give its path from the page's folder")
+
+
+Cell = Number | Link | str
+
+
+def estimate(value: float, sigma: float | None, unit: str = "") -> Cell:
+    """An estimate, or in words that these data do not determine it."""
+    if not math.isfinite(value) or (sigma is not None and not math.isfinite(sigma)):
+        return UNDETERMINED
+    if sigma is not None and sigma > 0.0 and not determined(value, sigma):
+        return UNDETERMINED
+    return Number(value, sigma if sigma else None, unit)
+
+
+def known(value: float | None, digits: int | None = None, *, signed: bool = False, unit: str = "") -> Cell:
+    """A number where there is one, else a dash."""
+    return "–" if value is None or not math.isfinite(value) else Number(value, None, unit, digits, signed)
+
+
+def read_cell(text: str) -> Cell:
+    """What a printed table says: a finite number (with its sigma, and per cent), else the words."""
+    found = _QUANTITY.fullmatch(text.strip())
+    if found is None or not math.isfinite(float(found["value"])) or not math.isfinite(float(found["sigma"] or 0.0)):
+        return signs(text) if text.strip() not in ("-", "") else ("–" if text.strip() else "")
+    value, sigma = float(found["value"]), found["sigma"]
+    unit = (found["unit"] or "").strip().replace("sigma", "σ")
+    return Number(value, float(sigma) if sigma else None, unit, shown=signs(text.strip().replace(" sigma", " σ")))
+
+
+def signs(text: str) -> str:
+    """Signs as they are printed in books."""
+    text = text.replace("+-", "±").replace("->", "→").replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}")
+    return re.sub(r"(?<![\w.])-(?=[\d.])", "−", text)
+
+
+# ---- Lines of a terminal as sentences of a page
+
+
+def as_sentence(text: str) -> str:
+    """With a large first letter and an end."""
+    return capital(text) + ("" if text.endswith((".", ":", "?", "!")) else ".")
+
+
+def summary_sentences(summary: Summary) -> tuple[str, ...]:
+    """What matters most and what the fit leaves, of the five lines that a terminal shows; study and outcome stand above them."""
+    residual = f"residual: {summary.residual}" if summary.residual else ""
+    return tuple(as_sentence(line) for line in (summary.result, residual) if line)
+
+
+def capital(text: str) -> str:
+    """The first letter large, but for names of parameters, effects and files."""
+    first = text.split(" ", 1)[0]
+    return text if any(mark in first.rstrip(".:") for mark in "_.:-") else text[:1].upper() + text[1:]
+
+
+# ---- The document that every page shows
 
 BY_ROW = "by row"  # the unit of a column whose rows have units of their own
 _NUMBER = re.compile(r"[+−-]?(\d+\.?\d*|\.\d+)(e[+−-]?\d{1,2})?[ %]*", re.ASCII)  # names such as 1_2 or nan are none
@@ -150,3 +274,27 @@ def _is_number(text: str) -> bool:
 
 
 __all__ = ["BY_ROW", "PURE", "Block", "Bullets", "Column", "Figure", "Fold", "Number", "Page", "Prose", "Reproduction", "Section", "Table", "section"]
+
+
+# ---- How what a page shows is done again
+
+PROGRAM = "flightid"
+_PACKAGES = ("scenarios", PROGRAM)  # python -m
+
+
+def reproduction(usual: Sequence[str], seed: str = "", inputs: Sequence[tuple[str, str, str]] = ()) -> Reproduction:
+    """The command that was typed, or ``usual`` (its words) where none was; ``seed`` in a sentence; use, name and SHA-256 of each input."""
+    return Reproduction((shlex.join(typed() or usual),), versions(), seed, tuple(inputs))
+
+
+def typed() -> list[str]:
+    """The words of this process's command line, beginning with the program's name; none where another program uses the library."""
+    program, *words = sys.argv or [""]
+    path = Path(program)
+    ours = path.stem == PROGRAM or (path.name == "__main__.py" and path.parent.name in _PACKAGES)
+    return [PROGRAM, *words] if ours and words else []
+
+
+def now() -> str:
+    """The time stamp of a page, UTC."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -1,22 +1,109 @@
-"""The tables that pages of several kinds share: estimates, derived quantities, residual tests, what was held."""
+"""Tables that pages of several kinds share."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Protocol
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Protocol
 
 from ident.flying_qualities.modes import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
-from scenarios.pages.model import BY_ROW, Column, Table
-from scenarios.pages.numbers import PURE, Cell, Number, estimate, known
-from scenarios.pages.printed import SIGMAS
-from scenarios.terminal.display_units import shown_in
+from scenarios.pages.model import BY_ROW, PURE, Block, Cell, Column, Number, Prose, Table, as_sentence, capital, estimate, known, read_cell, signs
+from scenarios.terminal.quantities import shown_in
+from scenarios.terminal.tables import CapturedTable, listened
+from scenarios.terminal.tables import TableColumn as Printed
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+# ---- What a command prints
+
+SIGMA = ("+- sigma", "± sigma")  # headings of a column that belongs to the number before it
+UNIT = "unit"
+SIGMAS = "σ"
+_BEHIND = re.compile(r", (?P<unit>sigmas|s|Hz|deg|rad|%|dB|m|m/s|rad/s)$")  # what stands behind the words of a heading
+
+
+def printed_blocks(show: Callable[[Console], object], units: Mapping[str, str] = MappingProxyType({})) -> list[Block]:
+    """The tables and sentences that ``show`` prints on a console; ``units`` as in ``told_table``."""
+    return [Prose(as_sentence(each)) if isinstance(each, str) else told_table(each, units) for each in listened(show)]
+
+
+def told_table(told: CapturedTable, known: Mapping[str, str] = MappingProxyType({})) -> Table:
+    """A printed table; a column of sigmas joins the numbers before it, a column of units becomes that of the rows.
+
+    ``known`` are units by what stands at the head of a column, or at the begin of a row where the table has no units.
+    """
+    count = len(told.columns[0][1])
+    known = {} if "correlation" in told.title else known  # which has no unit, whatever it is of
+    units: tuple[str, ...] = next((cells for heading, cells in told.columns if heading == UNIT), ())
+    if not units and any(name in known for name in told.columns[0][1]):
+        units = tuple(known.get(name, PURE) for name in told.columns[0][1])
+    headings: list[str] = []
+    columns: list[list[Cell]] = []
+    for heading, cells in told.columns:
+        if heading == UNIT:
+            continue
+        read = [read_cell(cell) for cell in cells]
+        if heading in SIGMA and columns and not any(isinstance(cell, Number) and cell.sigma for cell in columns[-1]):
+            columns[-1] = [_with_sigma(cell, sigma) for cell, sigma in zip(columns[-1], read, strict=True)]
+            continue
+        headings.append(heading or ("remark" if headings else "name"))
+        columns.append(read)
+    rows = tuple(tuple(column[at] for column in columns) for at in range(count))
+    made = tuple(_column(heading, column, known.get(heading, BY_ROW if units else PURE)) for heading, column in zip(headings, columns, strict=True))
+    return Table(capital(told.title), made, rows, tuple(unit or PURE for unit in units))
+
+
+def rows_table(
+    caption: str,
+    headings: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    printed: int | None = None,
+    units: Mapping[str, str] = MappingProxyType({}),
+) -> Table:
+    """A table of which there are texts by row; ``printed`` as in ``Table``, ``units`` as in ``told_table``."""
+    cells = tuple(tuple(row[at] for row in rows) for at in range(len(headings)))
+    made = (
+        told_table(CapturedTable(caption, tuple(zip(headings, cells, strict=True))), units)
+        if rows
+        else Table(caption, tuple(map(Column, headings)), ())
+    )
+    return Table(caption, made.columns, made.rows, made.units, printed)
+
+
+def columns_table(caption: str, columns: Sequence[Printed], units: Mapping[str, str] = MappingProxyType({})) -> Table:
+    """A table of which there are the columns that a terminal prints."""
+    return told_table(CapturedTable(caption, tuple((column.heading, tuple(column.cells)) for column in columns)), units)
+
+
+def _with_sigma(cell: Cell, sigma: Cell) -> Cell:
+    if not isinstance(cell, Number) or not isinstance(sigma, Number):
+        return cell
+    return Number(cell.value, sigma.value, cell.unit, shown=signs(f"{cell.shown} ± {sigma.shown}"))
+
+
+def _column(heading: str, cells: Sequence[Cell], usual: str) -> Column:
+    numbers = [cell for cell in cells if isinstance(cell, Number)]
+    if not numbers:
+        return Column(heading)
+    behind = _BEHIND.search(heading)
+    if behind is not None:
+        return Column(heading[: behind.start()], SIGMAS if behind["unit"] == "sigmas" else behind["unit"])
+    if heading.endswith(" %"):
+        return Column(heading.removesuffix(" %"), "%")
+    return Column(heading, PURE if all(cell.unit for cell in numbers) else usual)
+
+
+# ---- The tables that pages of several kinds share
 
 _TESTS = {"ljung-box": "whiteness", "nis": "size of the innovations"}
 
 
-class Estimated(Protocol):
+class EstimatedParameter(Protocol):
     """One parameter: ``studies.rows.Row``, or what has the same names."""
 
     @property
@@ -41,7 +128,7 @@ class Estimated(Protocol):
     def published_sigmas(self) -> float | None: ...
 
 
-def estimates_table(caption: str, rows: Sequence[Estimated], starts: Mapping[str, float] | None = None) -> Table:
+def estimates_table(caption: str, rows: Sequence[EstimatedParameter], starts: Mapping[str, float] | None = None) -> Table:
     """Each parameter with its sigma, beside it what there is: true, condensed, published value, where the search began."""
     shown = {row.name: shown_in(row.unit, row.name) for row in rows}
     factors = [shown[row.name].factor for row in rows]
@@ -72,7 +159,7 @@ def _times(factor: float, value: float | None) -> Cell:
     return known(None if value is None else factor * value)
 
 
-def _published(factor: float, row: Estimated) -> Cell:
+def _published(factor: float, row: EstimatedParameter) -> Cell:
     return estimate(factor * row.published.value, factor * row.published.std) if row.published else "–"
 
 

@@ -1,12 +1,20 @@
-"""What figures write at their axes: textbook symbols for names, degrees for radians."""
+"""Contents of figures as plain data: axis names and units, histories, candidates of a diagnosis."""
 
 from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
-from scenarios.terminal.display_units import NO_UNIT, shown_in
+import numpy as np
+
+from ident.estimate import FilterHistory
+from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
+from scenarios.terminal.quantities import NO_UNIT, shown_in
+from sim.declaration.proposal import GUARD
+
+# ---- What figures write at their axes: textbook symbols for names, degrees for radians
 
 
 @dataclass(frozen=True)
@@ -104,3 +112,126 @@ def _argument(text: str) -> str | None:
     if found := re.fullmatch(r"(eta|etadot)(\d+)", text):
         return rf"\eta {found[2]}" if found[1] == "eta" else rf"\dot{{\eta}} {found[2]}"
     return _ARGUMENTS.get(text)
+
+
+# ---- Rows of a filter's history by name
+
+_HUGE = 1e30  # a filter that diverges may end near the largest number; a figure needs no more than this
+
+
+@dataclass(frozen=True, eq=False)
+class StateHistory:
+    """One entry of the filter's state over time: ``time``, ``mean``, ``std``, all ``(K,)``, K = sound samples."""
+
+    time: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+
+
+def course(history: FilterHistory, name: str, factor: float = 1.0) -> StateHistory:
+    """Estimate and standard deviation of one state or parameter, multiplied by ``factor``; the samples after a breakdown are left out."""
+    row, sound = history.names.index(name), sound_samples(history)
+    mean = np.clip(factor * history.mean[row, :sound], -_HUGE, _HUGE)
+    std = np.clip(factor * history.std[row, :sound], 0.0, _HUGE)
+    return StateHistory(history.time[:sound], mean, std)
+
+
+def sound_samples(history: FilterHistory) -> int:
+    """How many samples the filter got through; after a breakdown a history only repeats its last sound sample.
+
+    A repeated sample has no measurement and an identity for a transition. A gap in the data has a transition of its own.
+    """
+    identity = np.eye(len(history.names))
+    repeated = ~np.any(history.valid, axis=0) & np.all(history.transition == identity, axis=(1, 2))
+    good = np.flatnonzero(~repeated)
+    return int(good[-1]) + 1 if good.size else 0
+
+
+def settled_limits(low: np.ndarray, middle: np.ndarray, high: np.ndarray, marks: Sequence[float]) -> tuple[float, float]:
+    """Limits of an axis that show where a course ``(K,)`` ended, the marks, and of its early part what does not dwarf them."""
+    half = len(middle) // 2
+    ends = np.array([low[-1], high[-1], middle[half:].min(), middle[half:].max(), *marks])
+    bottom, top = float(ends.min()), float(ends.max())
+    span = top - bottom or abs(top) or 1.0
+    bottom, top = max(bottom - 1.2 * span, min(bottom, float(middle.min()))), min(top + 1.2 * span, max(top, float(middle.max())))
+    margin = 0.12 * (top - bottom or span)
+    return bottom - margin, top + margin
+
+
+# ---- Why a candidate was not chosen, in the few words that have room beside its bar
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What a verdict names: effects that it claims, by claim what could stand in its place, and hints.
+
+    ``noise_left``: with the claims the residual is noise.
+    """
+
+    claimed: tuple[str, ...] = ()
+    alternatives: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    hints: tuple[str, ...] = ()
+    noise_left: bool = False
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """All of them."""
+        return (*self.claimed, *(name for each in self.alternatives.values() for name in each), *self.hints)
+
+    def complete(self, within: tuple[str, ...]) -> bool:
+        """Whether a model with these effects needed nothing more."""
+        return self.noise_left and set(self.claimed) <= set(within)
+
+
+def is_alternative(c: Candidate, standing: Standing) -> bool:
+    """Whether a candidate could stand in the place of a claim beside all the others."""
+    return any(c.name in names and set(standing.claimed) - {claim} <= set(c.within) for claim, names in standing.alternatives.items())
+
+
+def reason(c: Candidate, standing: Standing, beside: Sequence[Candidate]) -> str:
+    """What a candidate is to the verdict, or what spoke against it; ``beside`` are the candidates of the same round."""
+    if c.name in standing.claimed:
+        return "claimed"
+    if is_alternative(c, standing):
+        return "an alternative"
+    if c.name in standing.hints:
+        return "hint only"
+    if standing.complete(c.within) or c.weight <= 0.0:
+        return "not needed"
+    if c.name.startswith(GUARD):
+        return "no effect of the library"
+    if not c.fitted:
+        return "linearised: brings less"
+    winner = next((each for each in beside if each.name in standing.claimed), None)
+    if winner is None:
+        return "brings less" if c.weight < max(each.weight for each in beside) else "not spread evenly"
+    return "like the claimed, less" if winner.name in c.collinear_with else "brings less"
+
+
+# ---- What the figures of a diagnosis need to know
+
+
+@dataclass(frozen=True, eq=False)
+class Replicated:
+    """An effect's parameters from each of ``records`` by itself, and from the fitted ones ``together``."""
+
+    name: str
+    records: tuple[str, ...]
+    by_record: tuple[Mapping[str, Quantity], ...]
+    together: Mapping[str, Quantity]
+
+
+@dataclass(frozen=True, eq=False)
+class Pictured:
+    """What the figures show of a diagnosis; ``noise`` by channel; ``data`` is what the records are called."""
+
+    fitted: tuple[FittedRecord, ...]
+    predictions: tuple[Prediction, ...]
+    candidates: tuple[Candidate, ...]
+    before: Mapping[str, Quantity]
+    after: Mapping[str, Quantity]
+    noise: Mapping[str, float]
+    standing: Standing
+    kind: str
+    replicated: tuple[Replicated, ...] = ()
+    data: str = MEASURED_DATA

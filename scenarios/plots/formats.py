@@ -1,10 +1,16 @@
-"""In which formats figures are written; a format's name is the ending of its file. Nothing here loads the plotting library."""
+"""Formats of figures, figures of a page by name, and their captions; loads no plotting library."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
 
 from sim.errors import DeclarationError
+
+# ---- In which formats figures are written
 
 Formats = tuple[str, ...]
 
@@ -38,3 +44,89 @@ def formats_of(asked: Sequence[str] | None, none: bool = False) -> Formats:
     if none or NONE in names:
         return ()
     return tuple(name for name in FORMATS if name in wanted) if asked else USUAL
+
+
+# ---- A figure of a page as text; nothing here loads the plotting library
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure of a page: the ``stem`` of its files, the SVG element, and a caption."""
+
+    stem: str
+    svg: str
+    caption: str
+
+
+FRAGMENT = ".page"  # ending of the file in which a figure of a page is left for it
+
+
+def gathered(folder: Path) -> dict[str, str]:
+    """The SVG elements by stem that were left in a folder; their files are gone afterwards."""
+    found = {}
+    for path in sorted(folder.glob(f"*{FRAGMENT}")):
+        found[path.stem] = path.read_text(encoding="utf-8")
+        path.unlink()
+    return found
+
+
+# ---- One sentence below each figure of a page, by the stem of its file
+
+CAPTIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "record": "The record: inputs and outputs",
+        "fit": "Recorded against estimated outputs, and what the estimate leaves",
+        "held_out": "Recorded against predicted on data that were not fitted, and what the prediction leaves",
+        "spectra": "Spectra of recorded and simulated outputs and of what is left",
+        "parameters": "Parameters over time with two sigmas",
+        "states": "States of the filter over time with two sigmas",
+        "innovations": "Innovations with two sigmas, and their autocorrelation with the band of white noise",
+        "correlation": "Correlation of the estimates",
+        "errors": "Errors of the estimates in sigmas",
+        "repeated": "Errors over repeated flights in reported sigmas",
+        "determination": "How far this record determines each parameter",
+        "flexibility": "Errors against the degree of flexibility",
+        "equivalents": "Estimates against true and condensed values",
+        "trajectory": "The fall: recorded, true and estimated",
+        "ballistic_coefficient": "Ballistic coefficient over time with two sigmas",
+        "fit_other": "Recorded against simulated outputs of the study that this one is compared with",
+        "compared": "The two studies side by side",
+        "delays": "Likelihood of each delay of the bank",
+        "linear": "Flown against the linear loop",
+        "margins": "Phase margins that the printed numbers leave open",
+        "variants": "The same study with one change at a time",
+        "reconstruction": "Recorded against what the kinematics reconstruct",
+        "compared_estimates": "Estimates of all studies with two sigmas",
+        "compared_errors": "Errors of all studies",
+        "compared_responses": "Outputs of all studies over time",
+        "campaign": "Errors of all runs in their own sigmas, and the share of intervals that hold the reference",
+        "verdicts": "Verdicts by what was hidden, with the share of right answers and its exact 95 % interval",
+        "confusion": "What was concluded (along) of what was hidden (up the side), in per cent of its flights",
+        "reliability": "The share of names that is right against the probability that they were given, with exact 95 % intervals",
+        "effect_coverage": "The share of effects' parameters within one, two and three reported sigmas of the truth, flights resampled whole",
+        "maneuvers": "Inputs and expected responses of every maneuver, the best first, with the limits",
+        "effects": "Which flight has which effect: filled, has it; grey, not told; open, has it not",
+        "shared": "What each flight says of a shared value by itself, and the common value",
+        "over": "Derivatives of all flights over the condition, with the common line and the scatter between flights",
+        "flight": "The whole flight: inputs and motion, maneuvers with their numbers, trim points grey",
+        "response": "Magnitude, phase and coherence over frequency, with 95 % bands; grey: outside the usable band",
+        "mismatch": "The estimated response over the fitted one, between the envelopes of dynamics that a pilot does not notice",
+        "bandwidth": "The attitude response with its phase and gain bandwidth and its phase delay, spans of 95 %",
+        "coherence": "Coherence of every response that is expected of one flight, over frequency; dotted: the limit of a usable one",
+        "loop": "The broken-loop response with its gain and phase margins, and its distance from -1, spans of 95 %",
+        "watched": "Parameters while the stream arrived",
+    }
+)
+
+
+def caption_of(stem: str, captions: Mapping[str, str] = CAPTIONS) -> str:
+    """The caption of ``fit``, ``fit_2`` and ``fit_METHOD`` alike, the number or method behind it; the stem in words where there is none."""
+    known = [name for name in captions if stem == name or stem.startswith(f"{name}_")]
+    if not known:
+        words = stem.replace("_", " ")
+        return words[:1].upper() + words[1:]
+    name = max(known, key=len)
+    rest = stem[len(name) + 1 :].replace("_", " ")
+    if not rest:
+        return captions[name]
+    return f"{captions[name]} ({f'record {rest}' if re.fullmatch(r'[0-9]+', rest) else rest})"

@@ -1,31 +1,39 @@
-"""A whole flight with its maneuvers marked."""
+"""Figures of flights: maneuvers marked, maneuvers compared, fleets."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.maneuver_detection import AXES, PAUSE, Maneuver
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit, plain
 from scenarios.plots.style import (
+    BLACK,
     BLUE,
     GREEN,
     GREY,
+    LABEL_SIZE,
     LIGHT,
     ORANGE,
     PURPLE,
     TICK_SIZE,
     VERMILION,
+    decades,
     finish,
     make_sheet,
+    method_style,
+    text_width,
     time_axis,
     y_label,
 )
 from sim.record import Record
+
+# ---- A whole flight with its maneuvers marked
 
 COLOURS: Mapping[str, str] = {
     "pitch": VERMILION,
@@ -157,3 +165,212 @@ def envelope(time: np.ndarray, values: np.ndarray, bins: int = BINS) -> tuple[np
         np.minimum(low, before),
         np.maximum(high, before),
     )
+
+
+# ---- Maneuvers that are compared: inputs and responses over time, with limits
+
+_LIMIT: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
+_IN_SIGHT = 1.6  # of what is flown: limits farther off are left out of the panel
+
+
+@dataclass(frozen=True, eq=False)
+class ManeuverCourse:
+    """One maneuver: inputs and outputs by name, ``(N,)`` each, load factors as totals."""
+
+    label: str
+    inputs: Mapping[str, np.ndarray]
+    outputs: Mapping[str, np.ndarray]
+
+
+def figure_maneuvers(
+    time: np.ndarray, courses: Sequence[ManeuverCourse], limits: Mapping[str, tuple[float, float]], units: Mapping[str, str], title: str = ""
+) -> Figure:
+    """A column a maneuver, the first the best; a row an input, held between samples, and an output; angles in degrees.
+
+    ``limits``: lowest and highest by name, drawn where they are near what is flown.
+    """
+    names = [*courses[0].inputs, *courses[0].outputs]
+    count = len(courses)
+    sheet = make_sheet([1.0] * len(names), (1.0,) * count, column_gap=0.25, row_gap=0.12)
+    for row, name in enumerate(names):
+        unit = display_unit(units.get(name, ""), name)
+        flown = [unit.factor * {**course.inputs, **course.outputs}[name] for course in courses]
+        low, high = min(float(each.min()) for each in flown), max(float(each.max()) for each in flown)
+        near = [unit.factor * end for end in limits.get(name, ()) if np.isfinite(end)]
+        reach = _IN_SIGHT * (max(abs(low), abs(high)) or 1.0)
+        shown = [end for end in near if abs(end) <= reach]
+        low, high = min([low, *shown]), max([high, *shown])
+        margin = 0.06 * (high - low) or 1.0
+        for column, (course, values) in enumerate(zip(courses, flown, strict=True)):
+            panel = sheet.axes[row][column]
+            style: dict[str, Any] = {"drawstyle": "steps-post"} if name in course.inputs else {}
+            look = method_style(column, alone=True)
+            panel.plot(time, values, label=plain(course.label), color=look["color"], linewidth=1.0, **style)
+            for end in shown:
+                panel.axhline(end, **_LIMIT)
+            panel.set_ylim(low - margin, high + margin)
+            if column:
+                panel.tick_params(labelleft=False)
+        y_label(sheet.axes[row][0], axis_label(name, unit))
+    for panel in sheet.axes[-1]:
+        time_axis(panel)
+    return finish(sheet, title, head=0.12)
+
+
+class Expected(Protocol):
+    """Frequency responses that are expected of one flight."""
+
+    @property
+    def frequency(self) -> np.ndarray: ...
+    @property
+    def inputs(self) -> Sequence[str]: ...
+    @property
+    def outputs(self) -> Sequence[str]: ...
+    @property
+    def coherence(self) -> np.ndarray: ...
+
+
+def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figure:
+    """Expected coherence over frequency: a row an output, a column an input, a line a maneuver.
+
+    ``kinds`` : name of the maneuver and its ``Expected`` responses.
+    """
+    first: Expected = kinds[0][1]
+    sheet = make_sheet([1.0] * len(first.outputs), (1.0,) * len(first.inputs), column_gap=0.25, row_gap=0.12)
+    for m, output in enumerate(first.outputs):
+        for q, name in enumerate(first.inputs):
+            panel = sheet.axes[m][q]
+            for number, (kind, found) in enumerate(kinds):
+                look = method_style(number, alone=True)
+                panel.plot(found.frequency, found.coherence[m, q], label=plain(kind), color=look["color"], linewidth=1.2)
+            panel.axhline(0.6, color=GREY, linewidth=0.7, linestyle=":")
+            panel.set_xscale("log")
+            panel.set_xlim(float(first.frequency[0]), float(first.frequency[-1]))
+            panel.set_ylim(0.0, 1.02)
+            decades(panel.xaxis, (1.0, 2.0, 5.0))
+            if q:
+                panel.tick_params(labelleft=False)
+            if m == len(first.outputs) - 1:
+                panel.set_xlabel(f"frequency (Hz), {plain(name)}", fontsize=LABEL_SIZE)
+        y_label(sheet.axes[m][0], f"{plain(output)} (–)")
+    return finish(sheet, title, head=0.12)
+
+
+# ---- Figures of a fleet of flights
+
+_PANEL, _ROW = 1.15, 0.3  # inches
+_SHOWN = 5.0  # inner spreads of the values, beyond which an error bar that tells nothing is cut
+_FLIGHTS, _LONGEST = 45, 12  # names, and letters in them, that stand at the axis without touching
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line ``(k,)`` over ``along (k,)`` with its sigma ``(k,)``, and the scatter of flights about it."""
+
+    along: np.ndarray
+    middle: np.ndarray
+    sigma: np.ndarray
+    scatter: float
+
+
+@dataclass(frozen=True, eq=False)
+class OverCondition:
+    """A derivative of n flights over a condition: values and sigmas ``(n,)``, which flights stand out, and the pooled line."""
+
+    name: str
+    unit: str
+    condition: np.ndarray
+    values: np.ndarray
+    sigmas: np.ndarray
+    out: np.ndarray
+    line: Line
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """A parameter that flights share: each flight's own value and sigma ``(n,)`` over the condition ``(n,)``, which have it, and the common one."""
+
+    name: str
+    unit: str
+    condition: np.ndarray
+    values: np.ndarray
+    sigmas: np.ndarray
+    has: np.ndarray
+    common: float
+    common_sigma: float
+
+
+def figure_over_condition(rows: Sequence[OverCondition], condition: str, unit: str, title: str = "") -> Figure:
+    """A panel a derivative: each flight with two sigmas, the pooled line with its band, and the scatter of the flights about it."""
+    sheet = make_sheet([_PANEL] * (-(-len(rows) // 2)), (1.0, 1.0) if len(rows) > 1 else (1.0,), count=len(rows), row_gap=0.16)
+    across = display_unit(unit, condition)
+    for row, panel in zip(rows, sheet.panels, strict=True):
+        shown = display_unit(row.unit, row.name)
+        at, along = across.factor * row.condition, across.factor * row.line.along
+        middle, sigma = shown.factor * row.line.middle, shown.factor * row.line.sigma
+        wide = 2.0 * np.hypot(sigma, shown.factor * row.line.scatter)
+        panel.fill_between(along, middle - wide, middle + wide, color=LIGHT, alpha=0.6, linewidth=0, label="flights within ±2σ")
+        panel.fill_between(along, middle - 2 * sigma, middle + 2 * sigma, color=BLUE, alpha=0.3, linewidth=0, label="pooled ±2σ")
+        panel.plot(along, middle, "-", color=BLUE, linewidth=1.2, label="pooled")
+        for chosen, colour, label in ((~row.out, BLACK, "one flight ±2σ"), (row.out, VERMILION, "stands out")):
+            if np.any(chosen):
+                values, sigmas = shown.factor * row.values[chosen], shown.factor * row.sigmas[chosen]
+                panel.errorbar(at[chosen], values, 2 * sigmas, fmt=".", color=colour, markersize=4.5, elinewidth=0.7, label=label)
+        _limits(panel, shown.factor * row.values, shown.factor * row.sigmas)
+        y_label(panel, axis_label(row.name, shown))
+    for panel in sheet.panels[-len(sheet.widths) :]:
+        panel.set_xlabel(axis_label(condition, across), fontsize=LABEL_SIZE)
+    return finish(sheet, title)
+
+
+def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str = "") -> Figure:
+    """A panel an effect: the value of each flight by itself over the condition, and the common one of the flights that have it."""
+    sheet = make_sheet([1.35] * len(rows), row_gap=0.2)
+    across = display_unit(unit, condition)
+    for row, panel in zip(rows, sheet.panels, strict=True):
+        shown = display_unit(row.unit, row.name.rpartition(" ")[2])
+        low, high = (shown.factor * (row.common + side * 2 * row.common_sigma) for side in (-1, 1))
+        panel.axhspan(low, high, color=BLUE, alpha=0.3, linewidth=0, label="common value ±2σ")
+        panel.axhline(shown.factor * row.common, color=BLUE, linewidth=1.2)
+        for chosen, colour, label in ((row.has, BLACK, "has it, ±2σ"), (~row.has, GREY, "has it not, or not told")):
+            if np.any(chosen):
+                values, sigmas = shown.factor * row.values[chosen], shown.factor * row.sigmas[chosen]
+                panel.errorbar(
+                    across.factor * row.condition[chosen], values, 2 * sigmas, fmt=".", color=colour, markersize=4.5, elinewidth=0.7, label=label
+                )
+        _limits(panel, shown.factor * row.values, shown.factor * row.sigmas)
+        y_label(panel, plain(f"{row.name} ({shown.text})"))
+    sheet.panels[-1].set_xlabel(axis_label(condition, across), fontsize=LABEL_SIZE)
+    return finish(sheet, title)
+
+
+def figure_effects(flights: Sequence[str], probabilities: Mapping[str, np.ndarray], title: str = "") -> Figure:
+    """A row an effect, a column a flight: filled where the flight has it, open where it has it not, half where it does not tell."""
+    names = list(probabilities)
+    named = len(flights) <= _FLIGHTS and max(map(len, flights)) <= _LONGEST
+    sheet = make_sheet([_ROW * len(names) + 0.15], left=max(0.72, *(text_width(plain(name)) + 0.25 for name in names)))
+    panel = sheet.panels[0]
+    for y, name in zip(range(len(names) - 1, -1, -1), names, strict=True):
+        p = probabilities[name]
+        x = 1 + np.arange(len(flights))
+        for chosen, face, label in ((p > 0.95, BLUE, "has it"), ((p >= 0.05) & (p <= 0.95), LIGHT, "not told"), (p < 0.05, "white", "has it not")):
+            if np.any(chosen):
+                at = x[chosen]
+                panel.plot(at, np.full(len(at), y), "s", color=BLUE, markerfacecolor=face, markersize=5.0, markeredgewidth=0.7, label=label)
+    panel.set_yticks(range(len(names)), [plain(name) for name in names[::-1]])
+    panel.set_ylim(-0.6, len(names) - 0.4)
+    panel.set_xlim(0.2, len(flights) + 0.8)
+    panel.tick_params(axis="both", labelsize=TICK_SIZE, length=0)
+    if named:
+        panel.grid(False)
+        panel.set_xticks(1 + np.arange(len(flights)), [plain(flight) for flight in flights], rotation=90)
+    else:
+        panel.set_xlabel(f"flight, in the order of the file: {plain(flights[0])} to {plain(flights[-1])}", fontsize=LABEL_SIZE)
+    return finish(sheet, title, bottom=0.2 + max(text_width(plain(flight), TICK_SIZE) for flight in flights) if named else 0.5)
+
+
+def _limits(panel: object, values: np.ndarray, sigmas: np.ndarray) -> None:
+    """Room for every value; of error bars what is not longer than the spread of the values."""
+    reach = 2.0 * float(np.median(sigmas)) + 1e-12
+    low, high = float(np.min(values)) - reach, float(np.max(values)) + reach
+    panel.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))  # type: ignore[attr-defined]

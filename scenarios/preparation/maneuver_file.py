@@ -51,7 +51,7 @@ def read_parts(path: str | Path) -> Parts:
     DeclarationError : no such file, an unknown or missing key, a wrong value, times the wrong way round, a number or name twice.
     """
     from scenarios.files.declarations import checked, read_toml
-    from scenarios.preparation.maneuver_schema import FileEntry
+    from scenarios.files.schemas import FileEntry
 
     where = str(path)
     entry = checked(FileEntry, read_toml(path), path)

@@ -1,18 +1,29 @@
-"""What a user asks of the preparation: which parts of a record, how its inputs are to be read, which filter."""
+"""What a user asks of measured records: files, model, parts, filter, and how inputs are read."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from scenarios.files.channel_names import CHANNEL_UNITS
 from sim.errors import DeclarationError
 
-if TYPE_CHECKING:  # a record loads NumPy, and a process that draws figures starts before that
+if TYPE_CHECKING:
+    from ident.flying_qualities.levels import Flown
+    from scenarios.files.channels import ColumnChoice
+    from scenarios.files.measured.record_file import RecordFile
+    from scenarios.files.sources import Source
+    from scenarios.files.user_models import OwnModel
+    from scenarios.files.vehicles import VehicleFile
+    from sim.declaration.proposal import Traceable
     from sim.record import Hold
 
+
+# ---- What a user asks of the preparation
 
 SPEED, DENSITY, LIFT, ATTITUDE = "airspeed_change", "density_change", "lift", "theta"
 MEASURED_MOTION = (SPEED, DENSITY, LIFT, ATTITUDE)  # inputs of the equations that are measured motion: no control, which alone excites
@@ -133,3 +144,73 @@ def _segments(starts: list[float], stops: list[float]) -> tuple[Segment, ...]:
             what = f"the segments {start:g} to {stop:g} s and {later:g} to {end:g} s overlap"
             raise DeclarationError(what, where="--from, --to", remedy="let no sample count twice")
     return tuple(Segment(start, stop) for start, stop in zip(starts, stops, strict=True))
+
+
+# ---- What a command asks of measured records: which files, for which model, how they are read
+
+
+@dataclass(frozen=True)
+class Request:
+    """The files of a call and how they are read, as the command line took them; a file may be open already, or content that never was one.
+
+    Attributes
+    ----------
+    records : files that are fitted or checked.
+    model : one of ``MODELS`` of the vehicle files, or a user's Python file or model; empty where none is asked for.
+    vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the first record. An own model can do without.
+    validate : files that are predicted, whole. effects : a user's Python file, which is run, or effects.
+    channels : a channel map, for all records.
+    aircraft_class, flight_phase : class I to IV and category A to C of MIL-F-8785C; None takes the vehicle file's.
+    effort : how far a diagnosis looks, one of ``ident.tracing.settings.EFFORTS``.
+    plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are prepared.
+    """
+
+    records: tuple[Path | RecordFile, ...]
+    model: str | OwnModel = ""
+    vehicle: Path | Source | None = None
+    validate: tuple[Path | RecordFile, ...] = ()
+    effects: Path | tuple[Traceable, ...] | None = None
+    channels: Path | Mapping[str, Any] | None = None
+    plan: Plan = field(default_factory=Plan)
+    effort: str = "normal"
+    aircraft_class: str | None = None
+    flight_phase: str | None = None
+
+
+def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
+    """Class and category by which levels of flying qualities are told: the request's, else the vehicle file's, else assumed.
+
+    Raises
+    ------
+    DeclarationError : a class or category that there is not, or one asked of what is no aircraft.
+    """
+    from ident.flying_qualities.levels import flown_as
+    from scenarios.files.user_models import is_of_aircraft
+
+    aircraft = vehicle.model != "ballistic" and (vehicle.own is None or is_of_aircraft(vehicle.own))
+    for option, given in (("--class", request.aircraft_class), ("--category", request.flight_phase)):
+        if given is not None and not aircraft:
+            what = f"{vehicle.model} is no model of an aircraft, whose flying qualities have levels"
+            raise DeclarationError(what, where=option, remedy="leave it out")
+    return flown_as(request.aircraft_class or vehicle.aircraft_class, request.flight_phase or vehicle.flight_phase)
+
+
+def reading_options(request: Request, *, opening: bool = False, rate: bool = True) -> list[str]:
+    """Options of the command line that read the records as the request does, for commands that are
+    proposed.
+
+    ``opening`` : those alone that open a file: channel map, names of columns, and with ``rate`` the
+    rate.
+    """
+    plan = request.plan
+    words = ["--channels", str(request.channels)] if isinstance(request.channels, Path) else []
+    if not opening:
+        return [*words, *options_of(plan)]
+    return [*words, *options_of(Plan(columns=plan.columns, rate=plan.rate if rate else None))]
+
+
+def column_choices(request: Request, known: Iterable[str] = CHANNEL_UNITS) -> Mapping[str, ColumnChoice] | None:
+    """The channel map that a request names, of the channels ``known``, read now; None where it names none. Raises DeclarationError."""
+    from scenarios.files.channels import read_channel_map
+
+    return read_channel_map(request.channels, known) if request.channels is not None else None

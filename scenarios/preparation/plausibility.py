@@ -1,18 +1,47 @@
-"""What no fit should start from and no prediction be judged by: stuck channels, resting controls, too few samples."""
+"""Records that no fit should start from, and records held out of the fit."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.maneuver_detection import AXES, FlightSignals, active_share
 from ident.statistics.noise_levels import robust_sigma_about_zero
 from scenarios.files.channel_names import STICK
 from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.model import Model
 from sim.errors import RecordError
 from sim.record import Channel, Record
+
+# ---- Long records that are almost all cruise
+
+LONG = 120.0  # s, of all records together; a shorter one is a maneuver with its rest
+# Share of the time with moving inputs, below which a record is called almost all cruise. Of 40 simulated flights of 20 minutes
+# with a maneuver every one to two minutes, which move for 0.27 to 0.72 of their time, none is; nor is a measured one.
+CRUISE = 0.1
+
+
+def cruise_caution(records: Sequence[Record], name: str, opening: Sequence[str] = ()) -> str:
+    """One sentence where long records are almost all cruise: the share of their time in which an input moves; empty elsewhere.
+
+    ``name`` : of the first file, for the command that finds the maneuvers in it; ``opening`` : the
+    options that open it.
+    """
+    signals = [FlightSignals(each.time, {one.name: one.values for one in each.inputs if one.name in AXES}, {}) for each in records]
+    spans = [float(each.time[-1] - each.time[0]) for each in records]
+    if sum(spans) < LONG or not any(each.inputs for each in signals):
+        return ""
+    share = sum(span * active_share(each) for span, each in zip(spans, signals, strict=True)) / sum(spans)
+    if share >= CRUISE:
+        return ""
+    moved = f"an input moves beyond its noise in {100.0 * share:.1f} % of {sum(spans):.0f} s: the record is almost all cruise"
+    return f"{moved}; flightid maneuvers {' '.join([name, *opening])} --out DIR finds its maneuvers, and --maneuver N uses one of them"
+
+
+# ---- What no fit should start from and no prediction be judged by
 
 # A prediction fits the initial states and the biases: k numbers from N samples lower its error by sqrt(1 - k/N), here by a twentieth at most.
 PER_UNKNOWN = 10
@@ -110,3 +139,134 @@ def _names(records: Sequence[Record]) -> str:
 def _still(channel: Channel) -> bool:
     values = channel.values[channel.valid]
     return len(values) > 1 and float(np.ptp(values)) == 0.0
+
+
+# ---- What is kept out of the fit when the user names no record for that
+
+SHARE = 0.3  # of the excitation
+EARLIEST, LATEST = 0.1, 0.8  # of the duration
+LEAST = 0.1  # of the excitation, for the held-out part
+FEWEST = 20  # samples in either part
+REMAINS = 0.3  # of all samples, that the other records must hold where the last is kept out whole
+FIRST, BEGINNING = 5, 0.02  # samples, and share of them, that show the trim
+_REST = 0.02  # of the input's largest movement
+_REST_TIME = 0.5  # s
+_NOISE = 4.0  # sigmas of the noise on a recorded input that a resting one stays within
+_REMEDY = "give another record with --validate, or use more of this one"
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """What is fitted and what is predicted. ``cut``: the time (s) at which the last record was cut, None where it is held out whole."""
+
+    fitted: tuple[Record, ...]
+    held: Record
+    cut: float | None
+    sentence: str
+
+
+def split_off(records: Sequence[Record], model: Model) -> Split:
+    """Hold out the whole last record where the others can stand for it, else its last part (``hold_out``).
+
+    The others can where they measure every channel and move every control of it, and hold three tenths of all samples at least; and the
+    last must be worth predicting (``why_unpredictable``). Records without a control may be of one and the same motion, and the last part
+    of a fall shows it at another speed: it is held out there.
+
+    Raises
+    ------
+    RecordError : the last record has to be cut and cannot be.
+    """
+    *others, last = records
+    if others and model.equations.inputs and _stand_for(others, last) and not why_unpredictable(last, model):
+        said = f"no --validate: the last record, {last.name}, is not fitted but predicted whole; the others are fitted"
+        return Split(tuple(others), last, None, said)
+    first, held = hold_out(last)
+    cut = float(held.time[0])
+    return Split((*others, first), held, cut, f"no --validate: the last part of {last.name}, from {cut:g} s on, is not fitted but predicted")
+
+
+def _stand_for(others: Sequence[Record], last: Record) -> bool:
+    """Whether the fit of some records knows all that another one shows."""
+    enough = sum(len(record) for record in others) >= REMAINS * sum(len(record) for record in (*others, last))
+    measured = {channel.name for record in others for channel in record.outputs if np.any(channel.valid)}
+    moved = {channel.name for record in others for channel in record.inputs if moves(channel)}
+    shown = {channel.name for channel in last.outputs}
+    steered = {channel.name for channel in last.inputs if channel.name not in MEASURED_MOTION and moves(channel)}
+    return enough and shown <= measured and steered <= moved
+
+
+def hold_out(record: Record) -> tuple[Record, Record]:
+    """Cut a record in two: what is fitted, and its last part, which is predicted.
+
+    The cut lies between one and eight tenths of the duration, where 70 % of the excitation (the summed square of the
+    inputs' distance from the trim at the record's beginning) is over: a part in which the controls rest says nothing of a model. Moments at which
+    every input has rested for half a second are preferred as long as a tenth of the excitation is left to the last part:
+    lags, delays and hysteresis then carry nothing over. A record without inputs is cut at 70 % of its duration.
+
+    Raises
+    ------
+    RecordError : fewer than 40 rows (either part gets 20 at least), a part without a sample of a channel, or a fitted part in which no
+        control moves.
+    """
+    if len(record) < 2 * FEWEST:
+        raise RecordError(f"{len(record)} rows are too few to hold a part out", where=record.name, remedy=_REMEDY)
+    cut = min(max(_cut(record), FEWEST), len(record) - FEWEST)
+    first, held = _part(record, slice(0, cut), "fitted"), _part(record, slice(cut, len(record)), "held-out")
+    steered = [channel.name for channel in record.inputs if channel.name not in MEASURED_MOTION and moves(channel)]
+    if steered and not any(moves(first[name]) for name in steered):
+        what = f"no control moves before {record.time[cut]:g} s, where its last part would be held out: the rest says nothing of a model"
+        raise RecordError(what, where=record.name, remedy=_REMEDY)
+    return first, held
+
+
+def _cut(record: Record) -> int:
+    """First row of the held-out part."""
+    time = record.time
+    span = time[-1] - time[0]
+    inside = np.flatnonzero((time >= time[0] + EARLIEST * span) & (time <= time[0] + LATEST * span))
+    if inside.size == 0:  # all samples at the ends
+        return len(record) // 2
+    wanted = 1.0 - SHARE
+    weight = np.gradient(time)
+    moved = np.zeros(len(record))
+    resting = np.ones(len(record), dtype=bool)
+    for channel in record.inputs:
+        if channel.name in MEASURED_MOTION:  # a measured flow or attitude drifts; only controls excite
+            continue
+        away = np.abs(channel.values - _trim(channel.values))
+        peak = float(away.max())
+        if peak > 0.0:
+            moved += (away / peak) ** 2 * weight
+            resting &= away <= max(_REST * peak, _NOISE * _scatter(channel.values))
+    if not np.any(moved > 0.0):
+        return int(inside[np.argmin(np.abs(time[inside] - time[0] - wanted * span))])
+    over = np.concatenate([[0.0], np.cumsum(moved)[:-1]]) / moved.sum()
+    last_moved = np.maximum.accumulate(np.where(resting, -np.inf, time))
+    rested = inside[resting[inside] & (time[inside] - last_moved[inside] >= _REST_TIME)]
+    rested = rested[(1.0 - over[rested] >= LEAST) & (over[rested] >= 0.5)]
+    chosen = rested if rested.size else inside
+    distance = np.abs(over[chosen] - wanted)
+    # At rest the share stands still: of equal moments the one nearest 70 % of the duration.
+    best = chosen[distance <= distance.min() + 0.02]
+    return int(best[np.argmin(np.abs(time[best] - time[0] - wanted * span))])
+
+
+def _trim(values: np.ndarray) -> float:
+    """Where a control stands as the record begins: its median would be the step itself where one is held for most of the record."""
+    return float(np.median(values[: max(FIRST, round(BEGINNING * len(values)))]))
+
+
+def _scatter(values: np.ndarray) -> float:
+    """Standard deviation of the noise on an input, from the median of its steps; zero for one that is held."""
+    return float(robust_sigma_about_zero(np.diff(values)) / np.sqrt(2.0))
+
+
+def _part(record: Record, rows: slice, word: str) -> Record:
+    for channel in record.outputs:
+        if not np.any(channel.valid[rows]):
+            raise RecordError(f"not a single sample of {channel.name} in the {word} part", where=record.name, remedy=_REMEDY)
+    inputs, outputs = (
+        tuple(replace(channel, values=channel.values[rows], valid=channel.valid[rows]) for channel in group)
+        for group in (record.inputs, record.outputs)
+    )
+    return replace(record, time=record.time[rows], inputs=inputs, outputs=outputs)

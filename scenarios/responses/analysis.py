@@ -26,7 +26,7 @@ from ident.frequency_response.choices import (
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
-from scenarios.preparation.request import Request, column_choices
+from scenarios.preparation.plan import Request, column_choices
 from scenarios.responses.fitting import FitOptions, Fits, fit_cautions, fits_of
 from scenarios.responses.loops import LoopMargins, loop_margins_of, refuse_loop
 from scenarios.responses.qualities import NO_LEVELS, LevelOptions, Qualities, qualities_of, refuse_kind

@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from ident.flying_qualities.levels import Level
-from scenarios.files.folders import study_folder
-from scenarios.files.versions import versions
-from scenarios.files.writing import write_json, write_text
+from scenarios.files.sources import versions
+from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.pages.folder import write_page
-from scenarios.plots.formats import USUAL, Formats
-from scenarios.plots.page.named import Drawn
+from scenarios.plots.formats import USUAL, Drawn, Formats
 from scenarios.responses.analysis import Responses, pairs
 from scenarios.responses.fitting import Fits, envelope_sentence
 from scenarios.responses.loops import margins_content
@@ -32,8 +30,8 @@ def write_responses(found: Responses, folder: str | Path, *, figures: Formats = 
     with study_folder(folder, MAIN) as scratch:
         drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.page.drawing import drawn_for_page
-            from scenarios.plots.responses import figure_response
+            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.low_order import figure_response
 
             several = len(pairs(found)) > 1
             named = [
@@ -44,7 +42,7 @@ def write_responses(found: Responses, folder: str | Path, *, figures: Formats = 
                 for n, (row, column, _) in enumerate(pairs(found), start=1)
             ]
             if found.fits is not None:
-                from scenarios.plots.responses import figure_mismatch
+                from scenarios.plots.low_order import figure_mismatch
 
                 named += [
                     (
@@ -55,7 +53,7 @@ def write_responses(found: Responses, folder: str | Path, *, figures: Formats = 
                     if (place := (row, column)) in found.fits.places
                 ]
             if any(each.curve is not None for each in found.qualities):
-                from scenarios.plots.responses import figure_bandwidth
+                from scenarios.plots.low_order import figure_bandwidth
 
                 named += [
                     (
@@ -65,7 +63,7 @@ def write_responses(found: Responses, folder: str | Path, *, figures: Formats = 
                     for n in range(1, len(found.qualities) + 1)
                 ]
             if found.loop is not None:
-                from scenarios.plots.responses import figure_margins
+                from scenarios.plots.low_order import figure_margins
 
                 named.append(("loop", partial(figure_margins, found)))
             drawn = drawn_for_page(named, scratch, figures)

@@ -23,7 +23,7 @@ from ident.flying_qualities.stability_margins import (
 from ident.frequency_response import FrequencyResponses
 from scenarios.responses.fitting import target_of
 from scenarios.responses.reading import Names, ReadSignals
-from scenarios.terminal.tables import Column
+from scenarios.terminal.tables import TableColumn
 from sim.errors import DeclarationError, FlightidError
 
 MINUS, PLUS = "minus", "plus"
@@ -157,7 +157,7 @@ def _other_sign(read: ReadSignals, sign: str) -> str | None:
     return None if fitting == sign else fitting
 
 
-def margin_columns(loop: LoopMargins) -> list[Column]:
+def margin_columns(loop: LoopMargins) -> list[TableColumn]:
     """The table of the margins of all records together."""
     rows = []
     for name, margin in loop.margins.named.items():
@@ -165,7 +165,7 @@ def margin_columns(loop: LoopMargins) -> list[Column]:
         size = margin.size.value
         rows.append([WORDS[name], f"{size:.3g}", interval_text(margin), unit, f"{omega:.3g}", f"{omega / (2.0 * math.pi):.3g}"])
     headings = ("margin", "value", "95 %", "unit", "at rad/s", "Hz")
-    return [Column(head, [row[n] for row in rows], left=head in ("margin", "unit")) for n, head in enumerate(headings)]
+    return [TableColumn(head, [row[n] for row in rows], left=head in ("margin", "unit")) for n, head in enumerate(headings)]
 
 
 def interval_text(margin: Margin) -> str:
@@ -174,7 +174,7 @@ def interval_text(margin: Margin) -> str:
     return f"{text} or wider" if margin.open else text
 
 
-def worst_columns(loop: LoopMargins) -> list[Column]:
+def worst_columns(loop: LoopMargins) -> list[TableColumn]:
     """The table of the worst maneuver by margin."""
     rows = []
     for one in loop.worst:
@@ -183,7 +183,7 @@ def worst_columns(loop: LoopMargins) -> list[Column]:
         rows.append([WORDS[one.name], f"{least:.3g}", f"{one.half:.2g}", unit, loop.parts[one.maneuver], str(shown), f"{one.p_value:.2g}"])
     headings = ("worst of", "value", "+-", "unit", "maneuver", "maneuvers", "p alike")
     left = ("worst of", "unit", "maneuver")
-    return [Column(head, [row[n] for row in rows], left=head in left) for n, head in enumerate(headings)]
+    return [TableColumn(head, [row[n] for row in rows], left=head in left) for n, head in enumerate(headings)]
 
 
 def margin_lines(loop: LoopMargins) -> list[str]:

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from functools import partial
 
 from scenarios.pages.folder import figures
-from scenarios.pages.model import Block, Bullets, Page, Prose, section
-from scenarios.pages.printed import printed_blocks
-from scenarios.pages.reproduction import now, reproduction
-from scenarios.pages.wording import sentence
-from scenarios.plots.page.named import Drawn
+from scenarios.pages.model import Block, Bullets, Page, Prose, as_sentence, now, reproduction, section
+from scenarios.pages.tables import printed_blocks
+from scenarios.plots.formats import Drawn
 from scenarios.responses.analysis import Responses, pairs
 from scenarios.responses.loops import margin_lines
 from scenarios.responses.text import (
@@ -49,7 +47,7 @@ def responses_page(found: Responses, drawn: Sequence[Drawn] = ()) -> Page:
         tables.append(Prose(f"{name}: {band_sentence(found, row, column)}.", "note"))
     functions: list[Block] = []
     for row, column, name in pairs(found):
-        functions += [Prose(f"{sentence(line)}") for line in fit_lines(found, row, column)]
+        functions += [Prose(f"{as_sentence(line)}") for line in fit_lines(found, row, column)]
         columns = fit_columns(found, row, column)
         if columns:
             functions += printed_blocks(partial(print_table, title=f"Parameters of {name}", columns=columns))
@@ -57,7 +55,7 @@ def responses_page(found: Responses, drawn: Sequence[Drawn] = ()) -> Page:
     if found.loop is not None:
         for title, columns in loop_tables(found.loop):
             margins += printed_blocks(partial(print_table, title=title, columns=columns))
-        margins.append(Bullets(tuple(map(sentence, margin_lines(found.loop)))))
+        margins.append(Bullets(tuple(map(as_sentence, margin_lines(found.loop)))))
     words = ["flightid", "response", *files]
     words += [word for name in names.inputs for word in ("--input", name)]
     words += [word for name in names.outputs for word in ("--output", name)]
@@ -70,16 +68,16 @@ def responses_page(found: Responses, drawn: Sequence[Drawn] = ()) -> Page:
         kind="Frequency responses",
         verdict=f"{usable} of {number} usable" if number > 1 else ("usable" if usable else "not usable"),
         tone="plain",
-        sentence=sentence(summary.outcome),
-        summary=(sentence(summary.result),),
-        warnings=tuple(map(sentence, found.cautions)),
+        sentence=as_sentence(summary.outcome),
+        summary=(as_sentence(summary.result),),
+        warnings=tuple(map(as_sentence, found.cautions)),
         sections=(
             *section("Bode diagrams", *figures(drawn)),
             *section("Transfer functions", *functions),
-            *section("Flying qualities", Bullets(tuple(map(sentence, quality_lines(found))))),
+            *section("Flying qualities", Bullets(tuple(map(as_sentence, quality_lines(found))))),
             *section("Stability margins", *margins),
             *section("Numbers", *tables),
-            *section("How they were estimated", Bullets(tuple(map(sentence, found.notes)))),
+            *section("How they were estimated", Bullets(tuple(map(as_sentence, found.notes)))),
             *section("How the numbers are read", Bullets(READING)),
         ),
         reproduction=reproduction(words, "", [("used", each.name, each.sha256) for each in found.identities]),

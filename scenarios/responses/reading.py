@@ -14,13 +14,12 @@ import numpy as np
 from ident.frequency_response import Signals
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME, split_header
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.formats.cells import Table
+from scenarios.files.formats.cells import CellTable
 from scenarios.files.measured.derived import stated_unit
 from scenarios.files.measured.record_file import RecordFile, with_names
 from scenarios.files.records import read_with_notes
-from scenarios.preparation.filtering import filtered
-from scenarios.preparation.gaps import split_at_gaps
 from scenarios.preparation.plan import Plan
+from scenarios.preparation.reading import filtered, split_at_gaps
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Hold, Record
 
@@ -181,7 +180,7 @@ def _read(
 
 def _unit(file: RecordFile, name: str) -> str | None:
     """The unit that a file states of a column; None where it states none or has no such column."""
-    tables: list[tuple[str, Table]] = [(topic.name, topic.table) for topic in file.topics]
+    tables: list[tuple[str, CellTable]] = [(topic.name, topic.table) for topic in file.topics]
     for prefix, table in tables or [("", file.table)]:
         for index, cell in enumerate(table.header):
             bare = split_header(cell)[0]

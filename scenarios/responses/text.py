@@ -10,10 +10,9 @@ from rich.console import Console
 from scenarios.responses.analysis import Responses, pairs
 from scenarios.responses.fitting import cost_sentence, envelope_sentence, transfer_text
 from scenarios.responses.loops import MINUS, LoopMargins, margin_columns, margin_lines, worst_columns
-from scenarios.terminal.numbers import console, number
-from scenarios.terminal.paragraphs import print_paragraph
+from scenarios.terminal.quantities import console, number_text
 from scenarios.terminal.summary import BELOW, Summary, print_summary
-from scenarios.terminal.tables import Column, print_table
+from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
 
 ROWS = 12  # frequencies of a printed table
 
@@ -45,7 +44,7 @@ def print_responses(found: Responses, out: Console | None = None, details: str =
             print_table(out, "", columns)
 
 
-def loop_tables(loop: LoopMargins) -> list[tuple[str, list[Column]]]:
+def loop_tables(loop: LoopMargins) -> list[tuple[str, list[TableColumn]]]:
     """Titles and columns of the margins, and of the worst maneuver where there are several."""
     sign = "-" if loop.sign == MINUS else "+"
     title = f"Stability margins of {loop.name}, a loop with command = excitation {sign} returned"
@@ -90,7 +89,7 @@ def fit_lines(found: Responses, row: int, column: int) -> list[str]:
     return [head, cost_sentence(function), *([judged] if judged else [])]
 
 
-def fit_columns(found: Responses, row: int, column: int) -> list[Column]:
+def fit_columns(found: Responses, row: int, column: int) -> list[TableColumn]:
     """The table of the parameters of a fitted transfer function; none where none was fitted."""
     fitted = found.fits.of(row, column) if found.fits is not None else None
     if fitted is None or found.fits is None:
@@ -103,7 +102,7 @@ def fit_columns(found: Responses, row: int, column: int) -> list[Column]:
         if name in function.std:
             std, alone = function.std[name], function.insensitivity[name]
             shares = [f"{100.0 * each / size:.3g}" if std < size else "-" for each in (std, alone)]
-            cells = [number(value, std), f"{std:.2g}", *shares]
+            cells = [number_text(value, std), f"{std:.2g}", *shares]
         else:
             cells = [f"{value:.5g}", "fixed", "-", "-"]
         unit = function.form.units.get(name, "")
@@ -111,7 +110,7 @@ def fit_columns(found: Responses, row: int, column: int) -> list[Column]:
         rows.append([name, *cells, "" if unit == "1" else unit, said])
     headings = ["parameter", "value", "std", "std, %", "insensitivity, %", "unit", "note"]
     kept = len(headings) if any(row[-1] for row in rows) else len(headings) - 1
-    return [Column(head, [row[n] for row in rows], left=head in ("parameter", "unit", "note")) for n, head in enumerate(headings[:kept])]
+    return [TableColumn(head, [row[n] for row in rows], left=head in ("parameter", "unit", "note")) for n, head in enumerate(headings[:kept])]
 
 
 def band_sentence(found: Responses, row: int, column: int) -> str:
@@ -128,7 +127,7 @@ def shown_rows(count: int, most: int = ROWS) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
-def table_columns(found: Responses, row: int, column: int) -> list[Column]:
+def table_columns(found: Responses, row: int, column: int) -> list[TableColumn]:
     """The columns of the table of a response."""
     one = found.found
     at = shown_rows(one.frequency.size)
@@ -142,17 +141,17 @@ def table_columns(found: Responses, row: int, column: int) -> list[Column]:
         return [format(float(values[k]), form) for k in at]
 
     columns = [
-        Column("Hz", cells(one.frequency, ".3g")),
-        Column("rad/s", cells(2.0 * np.pi * one.frequency, ".3g")),
-        Column("magnitude", cells(size, ".4g")),
-        Column("+-", cells(half, ".2g")),
-        Column("dB", cells(20.0 * np.log10(np.maximum(size, 1e-300)), ".1f")),
-        Column("phase, deg", cells(phase, ".1f")),
-        Column("+-", cells(turn, ".1f")),
-        Column("coherence", cells(one.coherence[row], ".3f")),
+        TableColumn("Hz", cells(one.frequency, ".3g")),
+        TableColumn("rad/s", cells(2.0 * np.pi * one.frequency, ".3g")),
+        TableColumn("magnitude", cells(size, ".4g")),
+        TableColumn("+-", cells(half, ".2g")),
+        TableColumn("dB", cells(20.0 * np.log10(np.maximum(size, 1e-300)), ".1f")),
+        TableColumn("phase, deg", cells(phase, ".1f")),
+        TableColumn("+-", cells(turn, ".1f")),
+        TableColumn("coherence", cells(one.coherence[row], ".3f")),
     ]
     if several:
-        columns.append(Column("partial coherence", cells(one.partial_coherence[row, column], ".3f")))
-    columns.append(Column("random error", cells(one.random_error[row, column], ".3f")))
-    columns.append(Column("usable", ["yes" if usable[k] else "-" for k in at], left=True))
+        columns.append(TableColumn("partial coherence", cells(one.partial_coherence[row, column], ".3f")))
+    columns.append(TableColumn("random error", cells(one.random_error[row, column], ".3f")))
+    columns.append(TableColumn("usable", ["yes" if usable[k] else "-" for k in at], left=True))
     return columns

@@ -1,14 +1,151 @@
-"""Which parameters studies share, in which order, and in which unit."""
+"""Columns of a comparison of studies, read from their folders."""
 
 from __future__ import annotations
 
+import csv
+import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
-from scenarios.side_by_side.value import Column, Value
+import numpy as np
+
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.measured.columns import SIMULATED as SIMULATED_ORIGIN
+from scenarios.files.sources import found_json, read_json, resolved
+from scenarios.files.writing import PREDICTED, RESPONSE, TRUE
 from sim.errors import DeclarationError
 from sim.vehicles.factory import BALLISTIC_DERIVATIVES, LOES_DERIVATIVES, LOES_OFFSETS, RIGID_DERIVATIVES, WHOLE_AXES, mode_units
+
+# ---- Measured, predicted and noise-free outputs over time, read back from a study folder
+
+SIMULATION, SIMULATED = "simulation", "simulated_"  # of the closed-loop scenarios
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResponses:
+    """Outputs of one study over ``time (N,)`` s, each ``(N,)`` in SI by name, NaN where there is nothing.
+
+    ``predicted`` is what the estimate says; ``true`` is empty where nobody knows it. ``units`` of the channels, those that are known;
+    ``simulated``: a program made the record.
+    """
+
+    time: np.ndarray
+    inputs: Mapping[str, np.ndarray]
+    measured: Mapping[str, np.ndarray]
+    predicted: Mapping[str, np.ndarray]
+    true: Mapping[str, np.ndarray]
+    units: Mapping[str, str]
+    simulated: bool = False
+
+
+def read_responses(folder: Path, method: str = "") -> StudyResponses | None:
+    """Responses of a study's main method, or of another by its name; None where the folder has none that can be read."""
+    stems = (f"{RESPONSE}_{method}",) if method else (RESPONSE, SIMULATION)
+    path = next((folder / f"{stem}.csv" for stem in stems if (folder / f"{stem}.csv").is_file()), None)
+    table = _columns(path) if path is not None else {}
+    if TIME not in table:
+        return None
+    predicted = {name.removeprefix(mark): row for mark in (PREDICTED, SIMULATED) for name, row in table.items() if name.startswith(mark)}
+    true = {name.removeprefix(TRUE): row for name, row in table.items() if name.startswith(TRUE)}
+    measured = {name: table[name] for name in predicted if name in table}
+    others = (name for name in table if not name.startswith((PREDICTED, SIMULATED, TRUE)) and name not in (TIME, *measured))
+    inputs = {name: table[name] for name in others}
+    return StudyResponses(table[TIME], inputs, measured, {name: predicted[name] for name in measured}, true, *_told(folder))
+
+
+def _told(folder: Path) -> tuple[dict[str, str], bool]:
+    """Units of channels, those of the folder's record where it tells them, and whether that record is simulated."""
+    found = found_json(folder / "record.json")
+    content = found if isinstance(found, dict) else {}
+    units = content.get("units", {})
+    told = {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
+    return {**CHANNEL_UNITS, **told}, content.get("origin") == SIMULATED_ORIGIN or (folder / "truth.json").is_file()
+
+
+def _columns(path: Path) -> dict[str, np.ndarray]:
+    """Columns of numbers by heading, NaN for an empty cell; none where the file is no such table."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            head, *rows = list(csv.reader(file))
+        values = np.array([[float(cell) if cell else math.nan for cell in row] for row in rows], dtype=float)
+    except (OSError, ValueError):
+        return {}
+    return dict(zip(head, values.T, strict=True)) if values.ndim == 2 and values.shape[1] == len(head) else {}
+
+
+# ---- One parameter of one study, and a study as a column of a comparison
+
+
+@dataclass(frozen=True)
+class Value:
+    """What one study says of one parameter, all in ``unit``.
+
+    ``std`` is zero where the study states none. ``condensed`` is what the study's model should find where the aircraft has modes that it
+    lacks. ``published`` has a deviation of zero where none is printed.
+    """
+
+    estimate: float
+    std: float
+    unit: str
+    true: float | None = None
+    condensed: float | None = None
+    published: tuple[float, float] | None = None
+
+    @property
+    def reference(self) -> float | None:
+        """What the estimate is held against: the condensed value where there is one, else the true one."""
+        return self.true if self.condensed is None else self.condensed
+
+    @property
+    def percent(self) -> float | None:
+        """Error in percent of the reference; None where there is none or it is zero."""
+        return None if not self.reference else 100.0 * (self.estimate - self.reference) / abs(self.reference)
+
+    @property
+    def sigmas(self) -> float | None:
+        """Error in the study's own standard deviations; None without a reference or a deviation."""
+        return None if self.reference is None or not self.std > 0.0 else (self.estimate - self.reference) / self.std
+
+    def in_unit(self, factor: float, unit: str) -> Value:
+        """The same, all numbers times ``factor``, in another ``unit``."""
+        true, condensed = (factor * each if each is not None else None for each in (self.true, self.condensed))
+        published = (factor * self.published[0], factor * self.published[1]) if self.published is not None else None
+        return Value(factor * self.estimate, factor * self.std, unit, true, condensed, published)
+
+    @property
+    def published_value(self) -> Value | None:
+        """The published number as a value of its own, held against the same."""
+        return None if self.published is None else replace(self, estimate=self.published[0], std=self.published[1], published=None)
+
+
+@dataclass(frozen=True, eq=False)
+class StudyColumn:
+    """One method of one study.
+
+    Attributes
+    ----------
+    label : what tells it from the others, unique in a comparison. folder, method : where it comes from; ``method`` is empty for the main one.
+    title : the study's own. estimator : the word of the study for how it was estimated. outcome : code of the estimate, or the verdict.
+    seed : None of a measured record. values, derived : parameters and derived quantities by name.
+    responses : outputs over time; None where the folder has none.
+    """
+
+    label: str
+    folder: Path
+    method: str
+    title: str
+    estimator: str
+    outcome: str
+    seed: int | None
+    values: Mapping[str, Value]
+    derived: Mapping[str, Value]
+    responses: StudyResponses | None = None
+
+
+# ---- Which parameters studies share, in which order, and in which unit
 
 MODES = 9  # as many elastic modes have an order of their own
 FEWEST = 2
@@ -23,13 +160,13 @@ class SideBySide:
     several studies and another unit in each, which is not compared.
     """
 
-    columns: tuple[Column, ...]
+    columns: tuple[StudyColumn, ...]
     names: tuple[str, ...]
     derived: tuple[str, ...]
     single: dict[str, tuple[str, ...]]
     apart: tuple[str, ...]
 
-    def value(self, name: str, column: Column) -> Value | None:
+    def value(self, name: str, column: StudyColumn) -> Value | None:
         """What a column says of a parameter or derived quantity; None where it says nothing."""
         return column.values.get(name) if name in self.names else column.derived.get(name)
 
@@ -42,7 +179,7 @@ class SideBySide:
         return next(value.unit for column in self.columns if (value := self.value(name, column)) is not None)
 
 
-def compare_columns(columns: Sequence[Column]) -> SideBySide:
+def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
     """Studies side by side.
 
     Raises
@@ -85,3 +222,146 @@ def _ordered(names: set[str]) -> tuple[str, ...]:
         return place.get(name, len(known)), parts
 
     return tuple(sorted(names, key=key))
+
+
+# ---- Study folders to columns of a comparison
+
+STUDIES = {"comparison.json": "flightid/comparison/1", "diagnosis.json": "flightid/diagnosis/1"}
+WRITERS = "name a folder that run, identify, watch or diagnose wrote with --out"
+BEFORE = "before"  # the method of a diagnosis that is the declared model
+OWN = "own"  # the name of a closed-loop study's main method among its methods
+
+
+def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColumn, ...]:
+    """The columns of studies in the order given, each with a label of its own.
+
+    Parameters
+    ----------
+    studies : folders of studies or the JSON in them; ``FOLDER:METHOD`` is one of its further methods.
+    every : all methods of each study, its main one first.
+
+    Raises
+    ------
+    DeclarationError : no study there, no such method, the same one named twice.
+    """
+    columns: list[StudyColumn] = []
+    for text in studies:
+        for column in _reading_columns(text, every):
+            if any((column.folder, column.method) == (done.folder, done.method) for done in columns):
+                raise DeclarationError("it is named twice", where=text, remedy="name each study once")
+            columns.append(column)
+    return _told_apart(columns)
+
+
+def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
+    """The columns that one argument asks for."""
+    path, method = Path(text), ""
+    if not path.exists() and ":" in text:
+        before, _, method = text.rpartition(":")
+        path = Path(before)
+    file = _study_file(path, text)
+    content = _content(file)
+    methods = _methods(content)
+    if method and method not in methods:
+        known = ", ".join(methods)
+        remedy = f"use one of {known}" if methods else "leave the method out: the study has its main one only"
+        raise DeclarationError(f"the study has no method {method!r}", where=text, remedy=remedy)
+    main = _column(content, file, "", content)
+    if method:
+        return [_column(methods[method], file, method, content)]
+    return [main, *(_column(table, file, name, content) for name, table in methods.items())] if every else [main]
+
+
+def _study_file(path: Path, text: str) -> Path:
+    """The JSON of a study by its folder or its own path."""
+    found = [path / name for name in STUDIES if (path / name).is_file()] if path.is_dir() else [path] if path.name in STUDIES else []
+    if not found:
+        what = "there is no study in this folder" if path.is_dir() else "it is no study folder" if path.exists() else "there is no such folder"
+        raise DeclarationError(what, where=text, remedy=WRITERS)
+    return found[0]
+
+
+def _content(file: Path) -> dict[str, Any]:
+    """A study's JSON."""
+    content = read_json(file, wanted=WRITERS.removeprefix("name "))
+    if not isinstance(content, dict) or content.get("schema") != STUDIES[file.name]:
+        raise DeclarationError(f"it is no {STUDIES[file.name]}", where=str(file), remedy=WRITERS)
+    return content
+
+
+def _methods(content: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Further methods by name; of a diagnosis the declared model."""
+    if content["schema"] == STUDIES["diagnosis.json"]:
+        return {BEFORE: content}
+    methods = content.get("methods")
+    if isinstance(methods, list):  # of a closed-loop study, whose main one stands among them as OWN
+        methods = {str(table.get("name")): table for table in methods if isinstance(table, dict) and table.get("name") != OWN}
+    return {name: table for name, table in methods.items() if isinstance(table, dict)} if isinstance(methods, dict) else {}
+
+
+def _column(table: Mapping[str, Any], file: Path, method: str, content: Mapping[str, Any]) -> StudyColumn:
+    """One method of a study whose JSON is ``content``; ``table`` is its part of it."""
+    folder = file.parent
+    parameters, derived = table.get("parameters"), table.get("derived")
+    estimator, outcome = table.get("method", table.get("label", "")), table.get("outcome", content.get("outcome", ""))
+    if content["schema"] == STUDIES["diagnosis.json"]:
+        when = method or "after"
+        parameters, derived = (part.get(when) if isinstance(part, dict) else None for part in (parameters, derived))
+        estimator, outcome = f"diagnose, {when}", content.get("verdict", "")
+    seed = content.get("seed")
+    return StudyColumn(
+        label=resolved(folder).name,
+        folder=folder,
+        method=method,
+        title=str(content.get("title", "")),
+        estimator=str(estimator),
+        outcome=str(outcome),
+        seed=seed if isinstance(seed, int) else None,
+        values=_values(parameters, f"{file}, key parameters"),
+        derived=_values(derived, f"{file}, key derived"),
+        responses=read_responses(folder, method),
+    )
+
+
+def _values(table: Any, where: str) -> dict[str, Value]:
+    """Name -> Value of a table of a study; an entry without an estimate says nothing."""
+    if table is None:
+        return {}
+    if not isinstance(table, dict):
+        raise DeclarationError("no table", where=where, remedy=WRITERS)
+    return {name: value for name, entry in table.items() if isinstance(entry, dict) and (value := _value(entry)) is not None}
+
+
+def _value(entry: Mapping[str, Any]) -> Value | None:
+    estimate = _number(entry.get("estimate", entry.get("value")))
+    if estimate is None:
+        return None
+    printed = entry.get("published")
+    published = _number(printed.get("value")) if isinstance(printed, dict) else None
+    return Value(
+        estimate,
+        _number(entry.get("std")) or 0.0,
+        str(entry.get("unit", "")),
+        _number(entry.get("true")),
+        _number(entry.get("condensed")),
+        None if published is None or not isinstance(printed, dict) else (published, _number(printed.get("std")) or 0.0),
+    )
+
+
+def _number(value: Any) -> float | None:
+    """A finite number, or None."""
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) else None
+
+
+def _told_apart(columns: Sequence[StudyColumn]) -> tuple[StudyColumn, ...]:
+    """Labels by folder, with as many of the folders above as it takes, and by method where a study stands there with several."""
+    paths = [resolved(column.folder) for column in columns]
+    depth = 1
+    while len({path.parts[-depth:] for path in paths}) < len(set(paths)):
+        depth += 1
+    labels = ["/".join(path.parts[-depth:]) for path in paths]
+    out = []
+    for column, label in zip(columns, labels, strict=True):
+        shown = f"{label}:{column.method}" if column.method else label
+        out.append(replace(column, label=shown))
+    return tuple(out)

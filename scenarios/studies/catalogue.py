@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.files.declarations import closest, read_toml
-from scenarios.files.documents import DocumentError, toml_value
-from scenarios.studies.declaration import Scenario
-from scenarios.studies.scenario_file.choices import methods_without_gone, without_gone
+from scenarios.files.sources import DocumentError, toml_value
+from scenarios.studies.declaration import Scenario, methods_without_gone, without_gone
 from sim.errors import DeclarationError
 
 IDENTIFICATION = "identification"
@@ -73,7 +72,7 @@ def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
     ------
     DeclarationError : there is no such scenario, or a key or value in it is wrong; file and key are named.
     """
-    from scenarios.studies.scenario_file.reading import scenario_of
+    from scenarios.studies.reading import scenario_of
 
     document, short, where = load_document(name, changes)
     if document.get("kind", IDENTIFICATION) != IDENTIFICATION:
@@ -94,7 +93,7 @@ def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any
 
 def _beside(document: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The document with users' model files that it names found in its own folder."""
-    from scenarios.files.own_models import is_model_file
+    from scenarios.files.user_models import is_model_file
 
     def found(table: Any, key: str) -> Any:
         named = table.get(key) if isinstance(table, dict) else None

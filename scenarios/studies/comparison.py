@@ -1,34 +1,218 @@
-"""The comparison file: true, estimated and published values as strict JSON."""
+"""The comparison file of a study: true, estimated and published values as strict JSON."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from typing import Any
 
+import numpy as np
+
+from ident.banks.delays import ENGINES, SecondPass
 from ident.estimate import Estimate
 from ident.flying_qualities.modes import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
-from scenarios.files.versions import versions
-from scenarios.studies.declaration import Start
-from scenarios.studies.departures import choices_content, misprints, other_flight, vehicle_origins
-from scenarios.studies.determination.content import determination_content
-from scenarios.studies.engines import engine_content
+from scenarios.files.sources import versions
+from scenarios.studies.declaration import Choice, Estimation, FlightPlan, Scenario, Start
 from scenarios.studies.published import published_remark
-from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
-from scenarios.studies.study import MethodResult, Study
-from scenarios.studies.sweep.content import sweep_content
-from scenarios.terminal.flying_qualities import levels_content
+from scenarios.studies.study import MethodDetermination, MethodResult, Scatter, StudyResult
+from scenarios.studies.sweep import sweep_content
 from scenarios.terminal.quantities import AXES
+from scenarios.terminal.summary import levels_content
 from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility
+from sim.vehicles.library import Origin, VehicleData, read_parameter_set
+
+# ---- What a study must tell beside its numbers
+
+HEADING = "chosen by this project [own]; no source prints it, or it prints another:"
+TOLD = (Origin.OWN, Origin.REMEMBERED, Origin.CONVERTED)  # origins that a reader would not expect of a published aircraft
+_MODAL = re.compile(r"(?:omega|zeta|generalized_mass|CL_eta|CL_etadot|Cm_eta|Cm_etadot|Ceta)(\d+)(?:_|$)")
+
+
+def choice_lines(choices: Sequence[Choice]) -> list[str]:
+    """One line a choice: key, value and reason."""
+    return [f"{choice.key} = {choice.value}: {choice.reason}" for choice in choices]
+
+
+def choices_content(choices: Sequence[Choice]) -> dict[str, dict[str, str]]:
+    """The same for a JSON file, by key."""
+    return {choice.key: {"value": choice.value, "reason": choice.reason} for choice in choices}
+
+
+def vehicle_origins(flight: FlightPlan) -> dict[str, list[str]]:
+    """Numbers of a built-in vehicle that its source does not print, by what their origin means; those of an elastic mode are counted."""
+    if flight.own is not None:
+        return {}
+    data = read_parameter_set(flight.vehicle)
+    return {origin.words: names for origin in TOLD if (names := _names(data, origin, flight))}
+
+
+def _names(data: VehicleData, origin: Origin, flight: FlightPlan) -> list[str]:
+    """Rigid numbers of an origin by name, modal ones of the modes that fly as ``"11 of mode 2"``."""
+    rigid, modal = [], Counter[int]()
+    for number in data.numbers:
+        mode = _MODAL.match(number.name)
+        if number.origin is origin and mode is None:
+            rigid.append(number.name)
+        elif number.origin is origin and mode is not None and int(mode[1]) <= flight.modes:
+            modal[int(mode[1])] += 1
+    return [name for name in rigid if name not in flight.derivatives] + [f"{count} of mode {mode}" for mode, count in sorted(modal.items())]
+
+
+def vehicle_line(flight: FlightPlan) -> str:
+    """What is to be said of the vehicle's numbers in one line; empty where its source prints all of them and none as it flies otherwise."""
+    told = [f"{', '.join(names)} ({words})" for words, names in vehicle_origins(flight).items()]
+    told += [f"{name} flies with {flies}, printed {printed}" for name, (flies, printed) in misprints(flight).items()]
+    return f"numbers of {flight.vehicle} that its source does not print so: {'; '.join(told)}" if told else ""
+
+
+def misprints(flight: FlightPlan) -> dict[str, tuple[str, str]]:
+    """Numbers of a built-in vehicle that fly otherwise than the paper prints them: both as text, by name."""
+    if flight.own is not None:
+        return {}
+    modes = [(number, _MODAL.match(number.name)) for number in read_parameter_set(flight.vehicle).numbers if number.printed_by_paper]
+    return {number.name: (number.printed, number.printed_by_paper) for number, mode in modes if mode is None or int(mode[1]) <= flight.modes}
+
+
+def other_flight(scenario: Scenario, estimation: Estimation) -> Mapping[str, Any]:
+    """What the flight of an estimation has in the place of the scenario's, by key, SI; empty where it sees the scenario's own."""
+    if estimation.flight is None:
+        return {}
+    pairs = ((item.name, getattr(scenario.flight, item.name), getattr(estimation.flight, item.name)) for item in fields(FlightPlan))
+    return {name: theirs for name, ours, theirs in pairs if theirs != ours}
+
+
+def other_flight_line(scenario: Scenario, estimation: Estimation) -> str:
+    """The same in words, with how far that flight is from the model; empty where there is no other flight."""
+    if estimation.flight is None:
+        return ""
+    changed = "; ".join(f"{name} {_worded(name, value)}" for name, value in other_flight(scenario, estimation).items())
+    return f"its own flight: {changed}; truth and model: {estimation.distance or scenario.distance}"
+
+
+def _worded(name: str, value: Any) -> str:
+    unit = {"duration": " s", "step": " s", "rate": " Hz"}.get(name, "")
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {entry:.4g}" for key, entry in value.items()) + " (SI)"
+    if isinstance(value, tuple):
+        return ", ".join(f"{plan.kind} of {plan.input}" for plan in value)
+    return f"{value:g}{unit}" if isinstance(value, float) else str(value)
+
+
+# ---- What records and priors determine
+
+HEADINGS = ("method", "parameter", "prior_std", "std", "std_over_prior", "share_from_prior", "claimed_std")
+FEW = 6  # parts of a direction that are written
+
+
+def determination_content(method: MethodDetermination) -> dict[str, Any]:
+    """Counts, every strength, the directions that the record sees, and of each parameter what comes from where."""
+    found = method.found
+    return {
+        "parameters_estimated": len(found.names),
+        "numbers_determined": found.effective,
+        "directions_determined": found.determined,
+        "directions_unseen": found.unseen,
+        "strengths": found.strengths.tolist(),
+        "directions": [
+            {"strength": float(found.strengths[at]), "parts": dict(found.composition(at, FEW))} for at in range(len(found.names) - found.unseen)
+        ],
+        "parameters": {
+            name: {"prior_std": float(prior), "std": float(std), "share_from_prior": float(share), "claimed_std": float(claimed)}
+            for name, prior, std, share, claimed in _rows(method)
+        },
+        "overclaimed": list(method.overclaimed),
+    }
+
+
+def determination_csv(methods: Sequence[MethodDetermination]) -> str:
+    """The parameters of all methods."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(HEADINGS)
+    for method in methods:
+        for name, prior, std, share, claimed in _rows(method):
+            numbers = (prior, std, std / prior, share, claimed)
+            writer.writerow([method.estimation.name, name, *(repr(float(number)) for number in numbers)])
+    return text.getvalue()
+
+
+def _rows(method: MethodDetermination) -> list[tuple[str, np.float64, np.float64, np.float64, np.float64]]:
+    found = method.found
+    return list(zip(found.names, found.prior_std, found.posterior_std, found.prior_share, method.claimed, strict=True))
+
+
+# ---- The engine of a study's filters
+
+UNSCENTED = "filterpy UnscentedKalmanFilter"
+
+
+def engine_label(estimation: Estimation) -> str:
+    """The engine of an estimation in words; empty where its method is no filter."""
+    if estimation.method == "ukf":
+        return UNSCENTED
+    return ENGINES[estimation.engine].label if estimation.method == "ekf" else ""
+
+
+def engine_line(estimations: Sequence[Estimation]) -> str:
+    """``"engine: filterpy ExtendedKalmanFilter"``, with the methods of each engine where there are several; empty without a filter."""
+    methods: dict[str, list[str]] = {}
+    for each in estimations:
+        if label := engine_label(each):
+            methods.setdefault(label, []).append(each.name)
+    if not methods:
+        return ""
+    several = len(methods) > 1
+    return "engine: " + "; ".join(f"{label} ({', '.join(names)})" if several else label for label, names in methods.items())
+
+
+def engine_content(estimation: Estimation) -> dict[str, Any]:
+    """``{"engine": {...}}`` of an estimation; empty where its method is no filter."""
+    label = engine_label(estimation)
+    name = "filterpy" if estimation.method == "ukf" else estimation.engine
+    return {"engine": {"name": name, "sentence": label}} if label else {}
+
+
+def bank_line(name: str, second: SecondPass | None) -> str:
+    """``engine_line`` of a bank of delays: the engine ``name``, and how far a second pass by filterpy is from its likeliest filter."""
+    return f"engine: {bank_sentence(name, second)}"
+
+
+def bank_sentence(name: str, second: SecondPass | None) -> str:
+    """What stands behind ``engine:`` for a bank of delays."""
+    label = ENGINES[name].label
+    if second is None:
+        return label if name == "filterpy" else f"{label}; no sound filter to compare with filterpy"
+    return f"{label}; equals filterpy to {second.sigmas:.0e} sigma on the filter at {second.held:.4g} s"
+
+
+def bank_content(name: str, second: SecondPass | None) -> dict[str, Any]:
+    """Content of the key ``engine`` for a bank of delays; differences of means and standard deviations in sigmas."""
+    content: dict[str, Any] = {"name": name, "sentence": bank_sentence(name, second)}
+    if second is not None:
+        content["against_filterpy"] = {
+            "delay": second.held,
+            "largest_sigmas": second.sigmas,
+            "mean_sigmas": second.mean,
+            "std_sigmas": second.std,
+            "log_likelihood_share": second.log_likelihood,
+        }
+    return content
+
+
+# ---- The comparison file: true, estimated and published values as strict JSON
 
 SCHEMA = "flightid/comparison/1"
 DERIVED_UNITS = {**MODAL_UNITS, "delay": "s"}
 
 
-def comparison(study: Study) -> dict[str, Any]:
+def comparison(study: StudyResult) -> dict[str, Any]:
     """Content of ``comparison.json`` for a scenario: the main method's figures, the others under ``methods``."""
     out: dict[str, Any] = {
         "schema": SCHEMA,
@@ -58,7 +242,7 @@ def comparison(study: Study) -> dict[str, Any]:
     return out
 
 
-def _departures(study: Study, method: MethodResult) -> dict[str, Any]:
+def _departures(study: StudyResult, method: MethodResult) -> dict[str, Any]:
     """Choices of a method, and the flight that it alone saw (SI)."""
     estimation, flight = method.estimation, method.estimation.flight
     out: dict[str, Any] = {"own": choices_content(estimation.choices)} if estimation.choices else {}
@@ -154,7 +338,7 @@ def in_unit(row: Row, unit: str) -> Row:
     )
 
 
-def check_display(study: Study) -> None:
+def check_display(study: StudyResult) -> None:
     """Refuse a parameter or unit that the scenario wants shown and that cannot be, before anything is written."""
     from sim.errors import DeclarationError
 

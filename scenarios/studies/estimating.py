@@ -1,4 +1,4 @@
-"""From an estimation's declaration and a record to an estimate.
+"""From a scenario's flight to its record, and from a record to its estimate, one or many at once.
 
 Only what the declaration says and the record holds is used: constants of the vehicle (mass, geometry, flight
 condition, modal frequencies) come from its data file, every derivative from the declaration.
@@ -7,25 +7,31 @@ condition, modal frequencies) come from its data file, every derivative from the
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ident.banks.bank import BankEstimate, run_bank
 from ident.banks.delays import ENGINES
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
 from ident.filters.one_record import Exponential, Taylor
-from scenarios.studies.declaration import Estimation, Flight, Scenario, Start
-from scenarios.studies.flying import STEPS
-from scenarios.studies.scenario_file.own import own_biases, own_declared
+from scenarios.files.user_models import inputs_at_rest
+from scenarios.studies.declaration import Estimation, FlightPlan, ManeuverPlan, Scenario, Start
+from scenarios.studies.reading import own_biases, own_declared
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import DynamicsEffect, ParameterSet
 from sim.declaration.model import Model, Noise, System
 from sim.errors import DeclarationError
+from sim.maneuvers import Maneuver, MultiStep, Sum, Sweep, doublet, pulse, schroeder_multisine, step, three_two_one_one
+from sim.propagation import euler_step, rk4_step
 from sim.record import Record
+from sim.truth.feedback import fly_with_feedback
+from sim.truth.flight import Distance, Truth, fly, remeasure, sample_times
 from sim.vehicles.factory import (
     BALLISTIC_CONSTANTS,
     BALLISTIC_DERIVATIVES,
@@ -33,12 +39,171 @@ from sim.vehicles.factory import (
     RIGID_CONSTANTS,
     RIGID_DERIVATIVES,
     WHOLE_AXES,
+    ballistic_model,
+    flexible_model,
     mode_parameter,
     mode_units,
     model_from_constants,
+    rigid_model,
+    whole_axis_model,
 )
 from sim.vehicles.flexibility import with_frequency_factor
-from sim.vehicles.library import read_parameter_set
+from sim.vehicles.library import VehicleData, read_parameter_set
+
+# ---- From a scenario's flight to a record and its truth
+
+EVER = -1e6  # s, since when an input has been at rest: before all that a record or an effect looks back to
+SMOOTH = ("sweep", "multisine")
+STEPS = {"rk4": rk4_step, "euler": euler_step}
+
+DISTANCES = {
+    "same equations and step": Distance.SAME_EQUATIONS,
+    "same equations, finer step": Distance.OTHER_STEP,
+    "same equations, other values": Distance.OTHER_VALUES,
+    "effect missing": Distance.EFFECT_MISSING,
+}
+
+
+def true_model(flight: FlightPlan) -> Model:
+    """The vehicle that really flies, with its noise."""
+    noise = Noise(flight.noise_std, flight.process_noise)
+    if flight.own is not None:
+        return flight.own.with_noise(noise)
+    model = vehicle_model(flight.vehicle, flight.modes, noise, flight.frequency_factor)
+    free = model.parameters.free_names
+    for name in flight.derivatives:
+        if name not in free:
+            raise DeclarationError(f"there is no derivative {name!r}", where="key flight.derivatives", remedy=f"use {', '.join(free)}")
+    return model.with_values(flight.derivatives)
+
+
+def vehicle_model(vehicle: str, modes: int, noise: Noise, frequency_factor: float = 1.0) -> Model:
+    """A built-in vehicle with so many of its elastic modes, their frequencies by a factor."""
+    data = with_frequency_factor(read_parameter_set(vehicle), frequency_factor)
+    if modes and not data.modes:
+        raise DeclarationError(f"{modes} elastic modes asked for", where=f"vehicle {data.name}", remedy="it has none")
+    if data.equations == "ballistic":
+        return ballistic_model(data, noise)
+    if data.equations in WHOLE_AXES:
+        return whole_axis_model(data, noise)
+    return flexible_model(data, modes, noise) if modes else rigid_model(data, noise)
+
+
+def flown_vehicle(flight: FlightPlan) -> VehicleData:
+    """The numbers of the built-in vehicle that flies."""
+    return with_frequency_factor(read_parameter_set(flight.vehicle), flight.frequency_factor)
+
+
+def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record, Truth]:
+    """Fly the truth of a scenario; the same seed gives the same bytes.
+
+    Raises
+    ------
+    DeclarationError : a maneuver lacks a number or moves an input that is not there, or noise is declared for no output.
+    """
+    flight = scenario.flight
+    model = true_model(flight)
+    place = where or "key flight"
+    inputs = {signal.name for signal in model.equations.inputs}
+    outputs = {signal.name for signal in model.equations.outputs}
+    for name in flight.noise_std:
+        if name not in outputs:
+            raise DeclarationError(f"there is no output {name!r}", where=f"{place}.noise", remedy=f"its outputs are {', '.join(sorted(outputs))}")
+    by_input = maneuvers_by_input(flight.maneuvers, inputs, place, resting(model))
+    time = sample_times(flight.rate, flight.duration)
+    if flight.own is not None:
+        by_input = held_alike(by_input, flight.maneuvers, time)
+    measured = [name for name in (signal.name for signal in model.equations.outputs) if name in flight.noise_std]
+    common: dict[str, Any] = {
+        "step": min(flight.step, 1.0 / flight.rate),
+        "method": STEPS.get(flight.integration),  # none: to a tolerance
+        "outputs": measured,
+        "distance": DISTANCES[scenario.distance],
+        "name": scenario.name,
+    }
+    rng = np.random.default_rng(seed)
+    if flight.feedback:
+        return fly_with_feedback(model, by_input, flight.feedback, time, rng, **common)
+    return fly(model, by_input, time, rng, **common)
+
+
+def resting(model: Model) -> dict[str, float]:
+    """Where the inputs of an own model rest, by name, where that is not zero."""
+    names = [signal.name for signal in model.equations.inputs]
+    return {name: value for name, value in zip(names, inputs_at_rest(model), strict=True) if value}
+
+
+def maneuvers_by_input(
+    plans: Sequence[ManeuverPlan], inputs: Collection[str], place: str, rest: Mapping[str, float] = MappingProxyType({})
+) -> dict[str, Maneuver]:
+    """What moves each input, about where it rests; several maneuvers on one add up. ``place`` is the key of the flight they belong to.
+
+    Raises
+    ------
+    DeclarationError : a maneuver lacks a number or moves an input that is not there.
+    """
+    by_input = {name: Sum((step(value, EVER),)) for name, value in rest.items()}
+    for number, plan in enumerate(plans, start=1):
+        if plan.input not in inputs:
+            known = ", ".join(sorted(inputs)) or "none"
+            raise DeclarationError(f"there is no input {plan.input!r}", where=f"{place}.maneuvers[{number}]", remedy=f"its inputs are {known}")
+        before = by_input.get(plan.input, Sum())
+        by_input[plan.input] = Sum((*before.parts, maneuver_of(plan, f"{place}.maneuvers[{number}]")))
+    return {**by_input}
+
+
+def held_alike(by_input: Mapping[str, Maneuver], plans: Sequence[ManeuverPlan], time: np.ndarray) -> dict[str, Maneuver]:
+    """Maneuvers that a record can hold: beside steps on any input a smooth one is fed sample by sample.
+
+    Between the samples ``time`` (s) a record's inputs are all held or all linear, and read the other way a step is half a sample late.
+    """
+    smooth = {plan.input for plan in plans if plan.kind in SMOOTH}
+    if all(plan.kind in SMOOTH for plan in plans):
+        return {**by_input}
+    times = (EVER, *time[1:].tolist(), math.inf)
+    return {**by_input, **{name: MultiStep(tuple(np.asarray(by_input[name](time)).tolist()), times) for name in smooth}}
+
+
+def measured_again(record: Record, truth: Truth, noise_std: Mapping[str, float], seed: int) -> Record:
+    """The same flight with sensors of other noise."""
+    std = {**truth.noise_std, **noise_std}
+    return remeasure(record, replace(truth, noise_std=std), np.random.default_rng(seed))
+
+
+def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
+    """The maneuver that a plan describes.
+
+    Raises
+    ------
+    DeclarationError : a number that the kind needs is missing, or one is given that it does not take.
+    """
+    needed, build = KINDS[plan.kind]
+    for name in needed:
+        if name not in plan.numbers:
+            raise DeclarationError(f"{name} is missing", where=where, remedy=f"a {plan.kind} needs {', '.join(needed)}")
+    for name in plan.numbers:
+        if name not in (*needed, "start"):
+            raise DeclarationError(f"a {plan.kind} takes no {name}", where=where, remedy=f"it takes {', '.join((*needed, 'start'))}")
+    return build(plan.numbers)
+
+
+KINDS: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping], Maneuver]]] = {
+    "3-2-1-1": (("amplitude", "unit"), lambda n: three_two_one_one(n["amplitude"], n["unit"], n["start"])),
+    "doublet": (("amplitude", "unit"), lambda n: doublet(n["amplitude"], n["unit"], n["start"])),
+    "pulse": (("amplitude", "unit"), lambda n: pulse(n["amplitude"], n["unit"], n["start"])),
+    "step": (("amplitude",), lambda n: step(n["amplitude"], n["start"])),
+    "sweep": (
+        ("amplitude", "first_frequency", "last_frequency", "duration"),
+        lambda n: Sweep(n["amplitude"], n["first_frequency"], n["last_frequency"], n["duration"], n["start"], taper=0.1 * n["duration"]),
+    ),
+    "multisine": (
+        ("amplitude", "duration", "harmonics"),
+        lambda n: schroeder_multisine(n["amplitude"], n["duration"], tuple(n["harmonics"]), n["start"]),
+    ),
+}
+
+
+# ---- From an estimation's declaration and a record to an estimate
 
 FIT_STEP = 0.01  # longest sub-step of whole-record fits, s
 
@@ -113,7 +278,7 @@ def vehicle_constants(estimation: Estimation, vehicle: str, frequency_factor: fl
     return {name: data[name].value for name in names}
 
 
-def flight_constants(flight: Flight, estimation: Estimation) -> dict[str, float]:
+def flight_constants(flight: FlightPlan, estimation: Estimation) -> dict[str, float]:
     """``vehicle_constants`` of what flies."""
     return vehicle_constants(estimation, flight.vehicle, flight.frequency_factor)
 
@@ -243,3 +408,93 @@ def _initial_states(model: Model, initial: Mapping[str, Start], place: str) -> P
     for name, item in known.items():
         items.append(replace(item, value=initial[name].value, prior_std=initial[name].std, free=True))
     return ParameterSet(tuple(items))
+
+
+# ---- Estimates of many records of one flight
+
+LANES = 8  # runs, of which a batch has a multiple: linear algebra adds up a single column in another order
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """What k runs gave: parameters and sigmas ``(n, k)``, covariances ``(k, n, n)``, outcome codes, and of filters the sum of the normalised
+    innovations squared ``(k,)`` and of how many measured numbers that is ``(k,)``, else zeros; ``noise_std (m, k)`` of ``outputs``, assumed or
+    estimated."""
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+    outcomes: tuple[str, ...]
+    nis: np.ndarray
+    degrees: np.ndarray
+    outputs: tuple[str, ...]
+    noise_std: np.ndarray
+
+
+def is_batched(estimation: Estimation, feedback: bool) -> bool:
+    """Whether runs go through one batch: a batch has one input, and under feedback no two runs have the same."""
+    return estimation.method == "ekf" and not feedback
+
+
+def one_by_one(estimation: Estimation, records: Sequence[Record], model: Model) -> Estimates:
+    """Runs by a method that takes one record at a time."""
+    own = replace(estimation, engine="batched")
+    found = [estimate_record(own, record, model).estimate for record in records]
+    histories = [each.history for each in found]
+    return Estimates(
+        found[0].names,
+        np.array([each.values for each in found]).T,
+        np.array([each.covariance for each in found]),
+        tuple(each.outcome.code for each in found),
+        np.array([0.0 if history is None else float(history.nis.sum()) for history in histories]),
+        np.array([0 if history is None else int(history.degrees.sum()) for history in histories]),
+        found[0].output_names,
+        np.array([each.noise_std for each in found]).T,
+    )
+
+
+def batched(estimation: Estimation, records: Sequence[Record], model: Model) -> Estimates:
+    """Filters of many runs as one batch, which is filled up so that no run's numbers depend on how many there are."""
+    count = len(records)
+    filled = [*records, *[records[0]] * (-count % LANES)]
+    system, settings = compiled(estimation, model), filter_settings(estimation)
+    z = np.stack([each.output_array(system.output_names)[0] for each in filled], axis=2)
+    degrees = int(records[0].output_array(system.output_names)[1].sum())
+    n_x = len(system.states)
+    if math.isinf(estimation.spread):
+        bank = run_bank(records[0], system, settings, z=z)
+        mean, covariance, sound = bank.mean, bank.covariance, bank.sound
+        nis = bank.nis.sum(axis=0)
+    else:
+        bank = run_bank(records[0], system, replace(settings, passes=1), z=z)
+        mean, covariance, sound, nis = _narrowed_passes(estimation, records[0], system, bank, z)
+    outcomes = tuple("converged" if each else "diverged" for each in sound[:count])
+    told = np.array([[model.noise.measurement_std[name]] * count for name in system.output_names])
+    found = bank.names[n_x:], mean[n_x:, :count], covariance[:count, n_x:, n_x:]
+    return Estimates(*found, outcomes, nis[:count], np.full(count, degrees, dtype=int), system.output_names, told)
+
+
+def _narrowed_passes(
+    estimation: Estimation, record: Record, system: System, bank: BankEstimate, z: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Means, covariances, soundness and NIS after further passes, each run started and narrowed by its own result, as `studies.estimating` does."""
+    settings, n_x = replace(filter_settings(estimation), passes=1), len(system.states)
+    declared = np.array([*(item.prior_std for item in system.initial), *(system.parameters[name].prior_std for name in bank.names[n_x:])])
+    first = np.array(system.initial.values())
+    mean, covariance, sound, nis = bank.mean.copy(), bank.covariance.copy(), bank.sound.copy(), bank.nis.sum(axis=0)
+    active = np.flatnonzero(sound)
+    for _ in range(1, estimation.passes):
+        if active.size == 0:
+            break
+        taken = np.concatenate([active, np.full(-active.size % LANES, active[0])])
+        std = np.sqrt(np.maximum(np.diagonal(covariance[taken], axis1=1, axis2=2).T[n_x:], 0.0))
+        prior = np.repeat(declared[:, None], taken.size, axis=1)
+        prior[n_x:] = np.minimum(prior[n_x:], estimation.spread * std)
+        start = np.concatenate([np.repeat(first[:, None], taken.size, axis=1), mean[n_x:, taken]])
+        again = run_bank(record, system, settings, z=z[:, :, taken], start=start, covariance=prior.T[:, :, None] ** 2 * np.eye(len(declared)))
+        kept = slice(0, active.size)
+        moved = np.max(np.abs(again.mean[n_x:] - mean[n_x:, taken]) / std, axis=0, initial=0.0)[kept]
+        mean[:, active], covariance[active] = again.mean[:, kept], again.covariance[kept]
+        sound[active], nis[active] = again.sound[kept], again.nis.sum(axis=0)[kept]
+        active = active[again.sound[kept] & (moved >= SETTLED)]
+    return mean, covariance, sound, nis

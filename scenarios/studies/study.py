@@ -1,29 +1,253 @@
-"""Runs a scenario: fly, estimate by every method it names, compare with truth, condensation and print."""
+"""Runs a scenario: fly, estimate by every method, compare; repeated flights, determination."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.estimate import Estimate
 from ident.flying_qualities.levels import ModeLevel, mode_levels
 from ident.flying_qualities.modes import characteristics, modal_estimate
+from ident.statistics.information import Determination, determination
+from ident.statistics.intervals import clustered_share
 from ident.statistics.residuals import ResidualTest, residual_tests
-from scenarios.files.own_models import moves_about_rest
-from scenarios.studies.declaration import EMPTY, Estimation, Scenario, seen_by
-from scenarios.studies.determination.determine import MethodDetermination, determine
-from scenarios.studies.estimating import Result, assumed_noise, compiled, declared_model, estimate_record, flight_constants
-from scenarios.studies.flying import flown_vehicle, fly_scenario, measured_again, true_model
-from scenarios.studies.notes import prior_note, residual_note
+from ident.whole_record.layout import weighted_sensitivities
+from scenarios.files.channel_names import CHANNEL_UNITS
+from scenarios.files.user_models import moves_about_rest
+from scenarios.studies.declaration import EMPTY, Estimation, Scenario, Variation, seen_by
+from scenarios.studies.estimating import (
+    Result,
+    assumed_noise,
+    biased_system,
+    compiled,
+    declared_model,
+    estimate_record,
+    flight_constants,
+    flown_vehicle,
+    fly_scenario,
+    measured_again,
+    true_model,
+)
 from scenarios.studies.published import published_values
-from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
-from scenarios.studies.sweep.sweep import Sweep
+from scenarios.studies.sweep import Sweep
+from scenarios.terminal.quantities import in_hertz, shown_in, spaced
+from sim.declaration.model import Model
 from sim.errors import ModelError
 from sim.record import Record
 from sim.truth.flight import Truth
-from sim.vehicles.flexibility import Flexibility, condense_above, flexibility
+from sim.vehicles.factory import linearise
+from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility, condense_above, flexibility
+
+# ---- A scenario's flights flown many times
+
+RESAMPLING_SEED = 1  # of the interval over all derivatives: the same runs give the same interval
+
+
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """What one estimator made of one flight, flown N times.
+
+    ``errors`` (estimate minus true) and ``std`` are ``(n, M)``, in the derivatives' units, of the M runs that settled; ``outcomes`` counts all N by
+    code.
+    """
+
+    flight: str
+    estimation: Estimation
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    errors: np.ndarray
+    std: np.ndarray
+    outcomes: Mapping[str, int]
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """Errors in the reported standard deviations ``(n, M)``."""
+        return np.asarray(self.errors / self.std)
+
+    @property
+    def rms_sigmas(self) -> np.ndarray:
+        """Root mean square of these by derivative ``(n,)``: one where the reported sigmas are right."""
+        return np.sqrt(np.mean(self.sigmas**2, axis=1)) if self.errors.shape[1] else np.full(len(self.names), np.nan)
+
+    @property
+    def rms(self) -> np.ndarray:
+        """Root mean square error by derivative ``(n,)``, in its unit."""
+        return np.sqrt(np.mean(self.errors**2, axis=1)) if self.errors.shape[1] else np.full(len(self.names), np.nan)
+
+    @property
+    def within_two(self) -> tuple[float, tuple[float, float]]:
+        """Share of 2-sigma intervals that hold the truth, over all derivatives, and its 95 % interval by resampling whole runs."""
+        hits = np.sum(np.abs(self.sigmas) <= 2.0, axis=0)
+        share = float(hits.mean()) / len(self.names) if hits.size else 0.0
+        return share, clustered_share(hits, np.full(len(hits), len(self.names)), np.random.default_rng(RESAMPLING_SEED)) if hits.size else (0.0, 1.0)
+
+
+def fly_repeatedly(
+    scenario: Scenario, seed: int | None = None, progress: Callable[[str, float], None] = lambda stage, share: None
+) -> tuple[Scatter, ...]:
+    """All repeated flights of a scenario, each estimated by the methods it names; run i has the seed ``seed + i``.
+
+    Raises
+    ------
+    FlightidError : something is declared that cannot be flown or estimated.
+    """
+    if scenario.repeated is None:
+        return ()
+    first, runs, found = scenario.seed if seed is None else seed, scenario.repeated.runs, []
+    parts = [(flight, estimation) for flight in scenario.repeated.flights for estimation in scenario.estimations if estimation.name in flight.methods]
+    for number, (flight, estimation) in enumerate(parts):
+        progress(f"{number + 1} of {len(parts)}, {flight.label}: {estimation.label}", number / len(parts))
+        found.append(_scatter(scenario, flight, estimation, list(_flown(scenario, flight, first, runs))))
+    return tuple(found)
+
+
+def _flown(scenario: Scenario, variation: Variation, first: int, runs: int) -> Iterator[tuple[Record, Truth]]:
+    for seed in range(first, first + runs):
+        yield fly_scenario(replace(scenario, flight=variation.flight), seed)
+
+
+def _scatter(scenario: Scenario, variation: Variation, estimation: Estimation, flown: list[tuple[Record, Truth]]) -> Scatter:
+    model = declared_model(estimation, flight_constants(variation.flight, estimation), assumed_noise(scenario, estimation))
+    names = tuple(estimation.start)
+    own = replace(estimation, engine="batched")
+    done = [estimate_record(own, record, model).estimate for record, _ in flown]
+    true = np.array([[truth.parameters[name].value for name in names] for _, truth in flown])
+    values = np.array([[estimate.value(name) for name in names] for estimate in done])
+    std = np.array([[estimate.sigma(name) for name in names] for estimate in done])
+    settled = np.array([estimate.outcome.code == "converged" for estimate in done])
+    outcomes = Counter(estimate.outcome.code for estimate in done)
+    units = tuple(model.parameters[name].unit for name in names)
+    return Scatter(variation.label, estimation, names, units, (values - true)[settled].T, std[settled].T, dict(outcomes))
+
+
+# ---- What a record determines of a method's parameters, linearised at its estimate
+
+
+@dataclass(frozen=True, eq=False)
+class MethodDetermination:
+    """What record and priors of one method say, and the deviations ``claimed (n,)`` that the method itself states, in the same order."""
+
+    estimation: Estimation
+    found: Determination
+    claimed: np.ndarray
+
+    @property
+    def overclaimed(self) -> tuple[str, ...]:
+        """Parameters with a stated deviation below ``HONEST`` of what record and prior together allow."""
+        ratio = self.claimed / self.found.posterior_std
+        return tuple(name for name, value in zip(self.found.names, ratio.tolist(), strict=True) if value < HONEST)
+
+
+HONEST = 0.8  # the nonlinearity of these records and the noise level found from one change a deviation by a tenth
+
+
+def determine(estimation: Estimation, record: Record, model: Model, estimate: Estimate) -> MethodDetermination:
+    """What ``record`` and the priors of ``model`` say of the parameters, at the estimate and with the noise that the model declares.
+
+    No process noise: what a filter counts as such can only hide more. Biases of the sensors count as unknown, as in whole-record fits.
+    """
+    system = biased_system(estimation, model.with_values(estimate.only(model.parameters.free_names).as_dict()))
+    noise = np.array([model.noise.measurement_std[name] for name in system.output_names])
+    names, slopes = weighted_sensitivities(record, system, noise)
+    found = determination(names, slopes, np.array([estimation.start[name].std for name in names]))
+    return MethodDetermination(estimation, found, np.array([estimate.sigma(name) for name in names]))
+
+
+# ---- Sentences about a study that its tables do not say
+
+LITTLE_LEARNT = 0.5  # of the prior's standard deviation: above it the record has said less than the start did
+
+
+def prior_note(result: Result) -> str:
+    """Which parameters the record hardly determines, those that may wander left out; empty where there is none or the method has no priors."""
+    estimation = result.estimation
+    priors = {name: start for name, start in estimation.start.items() if not estimation.process_noise.get(name)}
+    if result.estimate.history is None and not estimation.use_priors:
+        return ""
+    sigma = dict(zip(result.estimate.names, result.estimate.std.tolist(), strict=True))
+    named = [f"{name} {value / priors[name].std:.2f}" for name, value in sigma.items() if name in priors and value > LITTLE_LEARNT * priors[name].std]
+    if not named:
+        return ""
+    return f"{estimation.name}: determined by the prior more than by the record (sigma over prior sigma): {', '.join(named)}"
+
+
+def residual_note(result: Result, model: Model) -> str:
+    """How much of the residual's power lies about the elastic frequencies of ``model``, by output; empty for a rigid one.
+
+    The periodogram of normalised innovations, or of residuals, under a Hann window; the band runs from half the
+    lowest to one and a half times the highest elastic frequency. Where it holds twice the share that white noise
+    has there, or more, the strongest frequency is named.
+    """
+    elastic = elastic_frequencies(model)
+    if not elastic:
+        return ""
+    low, high = 0.5 * min(elastic), 1.5 * max(elastic)
+    shares, white = [], 0.0
+    for name, row in zip(result.estimate.output_names, residuals_of(result), strict=True):
+        omega, power = periodogram(row, float(np.median(np.diff(result.record.time))))
+        inside = (omega >= low) & (omega <= high)
+        share, white = float(power[inside].sum() / power.sum()), float(inside.mean())
+        strongest = f" (strongest at {_frequency(float(omega[np.argmax(power)]))})" if share > 2.0 * white else ""
+        shares.append(f"{name} {100 * share:.0f} %{strongest}")
+    turn = 2.0 * math.pi
+    band = f"between {low:.1f} and {high:.1f} rad/s ({low / turn:.2g} and {high / turn:.2g} Hz), about the elastic modes"
+    return f"{result.estimation.name}: share of the residual's power {band}: {', '.join(shares)}; white noise has {100 * white:.0f} % there"
+
+
+def flexibility_sentences(found: Flexibility, noise_std: Mapping[str, float]) -> tuple[str, ...]:
+    """The degree of flexibility, the threshold it is held against, and on which side of it this aircraft is."""
+    degree = (
+        f"degree of flexibility {found.degree:.3g}: what a structure that follows its loads at once gets wrong at the short period "
+        f"of {_frequency(found.short_period)}; deflection takes {100 * found.stiffness_loss:.0f} % of the rigid short period's stiffness"
+    )
+    if math.isfinite(found.separation):
+        degree += f", the lowest elastic frequency is {found.separation:.2g} times its frequency"
+    noise = ", ".join(_level(name, std) for name, std in noise_std.items())
+    misfit = f"what no rigid model explains of this maneuver is {found.misfit:.2g} times the noise in rms (noise: {noise})"
+    if not found.rigid_serves:
+        return degree, f"{misfit}; threshold {LARGEST_MISFIT:g}: a rigid model no longer serves"
+    seen = (
+        f"yet the residual shows the structure from {found.detectable:.2g} on" if found.misfit > found.detectable else "and too small to be noticed"
+    )
+    return degree, f"{misfit}; threshold {LARGEST_MISFIT:g}: a rigid model still serves, {seen}"
+
+
+def _level(name: str, std: float) -> str:
+    factor, unit = shown_in(CHANNEL_UNITS.get(name, ""), name)
+    return f"{name} {factor * std:.3g}{spaced(unit)}"
+
+
+def _frequency(omega: float) -> str:
+    return f"{omega:.3g} rad/s{in_hertz(omega, 'frequency', 'rad/s')}"
+
+
+def elastic_frequencies(model: Model) -> list[float]:
+    """Frequencies of a model's oscillations above the short period, rad/s, ascending; empty for a rigid one."""
+    return sorted(abs(root) for root in np.linalg.eigvals(linearise(model).A).tolist() if root.imag > 0)[1:]
+
+
+def residuals_of(result: Result) -> Sequence[np.ndarray]:
+    """Normalised innovations of a filter, residuals of a whole-record fit; zero where a sample is missing."""
+    history = result.estimate.history
+    if history is not None:
+        return list(np.where(history.valid, history.innovation / history.innovation_std, 0.0))
+    z, valid = result.record.output_array(result.estimate.output_names)
+    return list(np.where(valid, z - result.estimate.fitted[0], 0.0))
+
+
+def periodogram(row: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (rad/s, zero left out) and power of a series under a Hann window, padded to four times its length."""
+    size = 4 * len(row)
+    power = np.abs(np.fft.rfft((row - row.mean()) * np.hanning(len(row)), size)) ** 2
+    return 2.0 * np.pi * np.fft.rfftfreq(size, step)[1:], power[1:]
+
+
+# ---- Runs a scenario
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,7 +272,7 @@ class MethodResult:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Study:
+class StudyResult:
     """A scenario that has been run; the main method's result first. ``repeated`` are its repeated flights, ``sweep`` its structures from stiff
     to soft, where they were flown."""
 
@@ -70,7 +294,7 @@ class Study:
         return self.methods[0]
 
 
-def run_scenario(scenario: Scenario, seed: int | None = None) -> Study:
+def run_scenario(scenario: Scenario, seed: int | None = None) -> StudyResult:
     """Simulate, estimate and compare; the same seed gives the same numbers.
 
     Raises
@@ -85,7 +309,7 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> Study:
         seen, actual = (record, truth) if flown is scenario else fly_scenario(flown, chosen, f"method {estimation.name}, key flight")
         seen = measured_again(seen, actual, estimation.flown_noise_std, chosen) if estimation.flown_noise_std else seen
         methods.append(_method(flown, estimation, seen, actual, references(flown, estimation)))
-    return Study(scenario, chosen, record, truth, tuple(methods), _notes(scenario, methods), _flexibility(scenario, record))
+    return StudyResult(scenario, chosen, record, truth, tuple(methods), _notes(scenario, methods), _flexibility(scenario, record))
 
 
 def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float]:

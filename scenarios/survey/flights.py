@@ -1,28 +1,61 @@
-"""The flights of a survey as its file declares them, each with everything that its results depend on."""
+"""Flights of a survey as its file declares them, and one flight checked and diagnosed."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.files.declarations import checked, read_toml_source, toml_of
-from scenarios.files.own_models import is_model_file
-from scenarios.files.sources import InputFile, Source
+from scenarios.files.sources import InputFile, Source, found_json, own_version
 from scenarios.files.units import to_si
+from scenarios.files.user_models import is_model_file
 from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_beside
-from scenarios.files.versions import own_version
-from scenarios.files.writing import unportable
-from scenarios.preparation.plan import Plan, plan_of, refuse_turned
-from scenarios.preparation.request import Request
-from scenarios.survey.vehicle_text import changed, toml_text
+from scenarios.files.writing import unportable, write_json
+from scenarios.plots.formats import Formats
+from scenarios.preparation.plan import Plan, Request, plan_of, refuse_turned
+from scenarios.tasks.work import Row, Task
 from sim.errors import DeclarationError, FlightidError
 
 if TYPE_CHECKING:
-    from scenarios.survey.schema import FlightEntry, SurveyEntry
+    from scenarios.files.schemas import FlightEntry, SurveyEntry
+
+
+# ---- A vehicle file with what one flight changes of it, as TOML
+
+
+def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The content with ``changes`` in the place of its own; tables key by key."""
+    both = {
+        key: {**content[key], **value} if isinstance(value, dict) and isinstance(content.get(key), dict) else value for key, value in changes.items()
+    }
+    return {**content, **both}
+
+
+def toml_text(content: Mapping[str, Any]) -> str:
+    """TOML of what a TOML file held: a line a key, tables inline."""
+    return "".join(f"{_text(key)} = {_inline(value)}\n" for key, value in content.items())
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, float):
+        return repr(value)  # inf and nan, too, are TOML
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_text(key)} = {_inline(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return "[" + ", ".join(map(_inline, value)) + "]"
+    return _text(value) if isinstance(value, str) else json.dumps(value, default=str)
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # what JSON and TOML write alike
+
+
+# ---- The flights of a survey as its file declares them
 
 FORM = "1"  # of what is kept of a flight: another one is computed again
 # Quantities that are conditions wherever they are given, in the unit in which they are kept.
@@ -33,7 +66,7 @@ CONDITIONS = {
 
 
 @dataclass(frozen=True)
-class Flight:
+class SurveyFlight:
     """One flight: its name, its request without anything open, and what it was flown at.
 
     ``vehicle``: the vehicle file's text with what the flight changes of it, empty where there is none. ``condition``: values with units by name.
@@ -75,7 +108,7 @@ class Flights:
     sha256: str
     title: str
     model: str
-    flights: tuple[Flight, ...]
+    flights: tuple[SurveyFlight, ...]
 
 
 def read_flights(path: str | Path) -> Flights:
@@ -86,7 +119,7 @@ def read_flights(path: str | Path) -> Flights:
     DeclarationError : no such file, a key that is unknown or missing, a value that is wrong, two flights of one name, no flight; a line with file,
         flight and remedy. Records that are not there are no error here: their flights are told as failed.
     """
-    from scenarios.survey.schema import SurveyEntry
+    from scenarios.files.schemas import SurveyEntry
 
     source = read_toml_source(path)
     where, root = str(path), Path(path).parent
@@ -112,7 +145,7 @@ def read_flights(path: str | Path) -> Flights:
 
 def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
     """Flights of the records that stand at the top of the file, in the order of their names."""
-    from scenarios.survey.schema import FlightEntry
+    from scenarios.files.schemas import FlightEntry
 
     patterns = [entry.records] if isinstance(entry.records, str) else entry.records or []
     told = {Path(one) for each in entry.flights for one in (each.records or [str(each.record)])}
@@ -133,7 +166,7 @@ def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
 def _name_of(entry: FlightEntry, root: Path, where: str, number: int) -> str:
     import re
 
-    from scenarios.survey.schema import FOLDER_NAME
+    from scenarios.files.schemas import FOLDER_NAME
 
     if (entry.record is None) == (entry.records is None):
         what = "names no record" if entry.record is None else "has record and records"
@@ -144,7 +177,7 @@ def _name_of(entry: FlightEntry, root: Path, where: str, number: int) -> str:
     return name
 
 
-def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, model: str, vehicle: Mapping[str, Any], where: str) -> Flight:
+def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, model: str, vehicle: Mapping[str, Any], where: str) -> SurveyFlight:
     place = f"{where}, flight {name}"
     start, stop = _either(entry.from_, shared.from_), _either(entry.to, shared.to)
     hold, rate, lowpass = (_either(getattr(entry, key), getattr(shared, key)) for key in ("hold", "rate", "lowpass"))
@@ -163,7 +196,7 @@ def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, mode
     content = changed(vehicle, entry.vehicle)
     given: dict[str, Any] = {key: value for key, value in content.items() if key in CONDITIONS} | entry.condition
     channels = _either(entry.channels, shared.channels)
-    flight = Flight(
+    flight = SurveyFlight(
         name,
         records,
         model,
@@ -192,14 +225,14 @@ def _with_maneuvers(plan: Plan, records: tuple[Path, ...], asked: Any, file: Pat
         raise DeclarationError(f"{error.what} ({error.where})", where=place, remedy=error.remedy) from None
 
 
-def _refuse_unreadable(flights: Sequence[Flight], vehicle: str, shared: str, where: str) -> None:
+def _refuse_unreadable(flights: Sequence[SurveyFlight], vehicle: str, shared: str, where: str) -> None:
     """Raise DeclarationError for what would fail in every flight: a map or file of effects that is not there, a vehicle that is none."""
     for flight in flights:
         for path in (flight.channels, flight.effects):
             if path is not None and not path.is_file():
                 what = f"there is no file {str(path)!r}"
                 raise DeclarationError(what, where=f"{where}, flight {flight.name}", remedy="check the path; it is relative to this file")
-    texts: dict[str, Flight] = {}
+    texts: dict[str, SurveyFlight] = {}
     for flight in flights:
         texts.setdefault(flight.vehicle, flight)
     # The file itself first: its faults are no flight's.
@@ -219,7 +252,7 @@ def _either(own: Any, shared: Any) -> Any:
 
 def _condition(key: str, value: object, place: str) -> tuple[float, str]:
     """A condition in its unit: ours where we know one, else as it was given."""
-    from scenarios.files.vehicles_schema import number_in
+    from scenarios.files.schemas import number_in
 
     unit = CONDITIONS.get(key.lower())
     if unit is not None or not isinstance(value, str):
@@ -231,7 +264,7 @@ def _condition(key: str, value: object, place: str) -> tuple[float, str]:
         raise DeclarationError(f"{value!r} is not a number with a unit", where=f"{place}, {key}", remedy='write 0.6 or "12000 ft"') from None
 
 
-def _in_one_unit(flights: Sequence[Flight], where: str) -> tuple[Flight, ...]:
+def _in_one_unit(flights: Sequence[SurveyFlight], where: str) -> tuple[SurveyFlight, ...]:
     """Each condition in the unit of the first flight that has it. Raises DeclarationError where it measures something else."""
     units: dict[str, str] = {}
     out = []
@@ -244,7 +277,7 @@ def _in_one_unit(flights: Sequence[Flight], where: str) -> tuple[Flight, ...]:
     return tuple(out)
 
 
-def _digest(flight: Flight) -> str:
+def _digest(flight: SurveyFlight) -> str:
     """A hash of everything that a flight's results depend on; of a file that is not there, that it is not."""
     files = [*flight.records, *(each.with_suffix(".json") for each in flight.records)]
     files += [each for each in (flight.channels, flight.effects, Path(flight.model) if is_model_file(flight.model) else None) if each is not None]
@@ -252,3 +285,91 @@ def _digest(flight: Flight) -> str:
     contents = [hashlib.sha256(each.read_bytes()).hexdigest() if each.is_file() else "" for each in files]
     rest = [FORM, own_version(), flight.name, flight.model, flight.vehicle, repr(flight.plan), flight.effort, *contents]
     return hashlib.sha256(json.dumps(rest).encode()).hexdigest()
+
+
+# ---- One flight checked and diagnosed, and what is kept of it, as a task of the engine
+
+SCHEMA = "flightid/survey-flight/1"
+KEPT = "flight.json"
+FOLDER = "flights"
+
+
+@dataclass(frozen=True)
+class Diagnoses:
+    """The work of a survey: each task is a flight, whose folder it writes."""
+
+    flights: tuple[SurveyFlight, ...]
+    folder: Path
+    figures: Formats = ()
+    name: str = "flights diagnosed"
+    block: int = 1
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        return {"flight": "text", "verdict": "text"}
+
+    def identity(self) -> Mapping[str, Any]:
+        return {"flights": [flight.digest for flight in self.flights]}
+
+    def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
+        return [self._one(self.flights[task.number]) for task in tasks]
+
+    def _one(self, flight: SurveyFlight) -> Row | str:
+        try:
+            kept = diagnosed(flight, self.folder / FOLDER / flight.name, self.figures)
+        except FlightidError as error:
+            return str(error)
+        return {"flight": flight.name, "verdict": kept["verdict"]}
+
+
+def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str, Any]:
+    """Check and diagnose a flight, write its study, and last ``flight.json``, whose content is given back.
+
+    Raises FlightidError for anything that keeps the flight from being used.
+    """
+    from scenarios.diagnosis.diagnose import diagnose_files
+    from scenarios.diagnosis.report.content import quantities
+    from scenarios.diagnosis.report.files import write_diagnosis
+    from scenarios.diagnosis.report.text import headline
+
+    started = time.perf_counter()
+    tracing = diagnose_files(flight.request())
+    (folder / KEPT).unlink(missing_ok=True)  # what it says is no longer of this folder
+    write_diagnosis(tracing, folder, figures=figures)
+    d = tracing.diagnosis
+    content = {
+        "schema": SCHEMA,
+        "digest": flight.digest,
+        "name": flight.name,
+        "verdict": d.verdict.value,
+        "headline": headline(tracing),
+        "effects": [
+            {"name": c.name, "claimed": c.claimed, "alternatives": list(c.alternatives), "parameters": quantities(c.parameters)} for c in d.effects
+        ],
+        "derivatives": quantities(d.after),
+        "check": kinematics_of(flight),
+        "simulated": tracing.simulated,
+        "seconds": round(time.perf_counter() - started, 3),
+    }
+    write_json(folder / KEPT, content)
+    return content
+
+
+def kinematics_of(flight: SurveyFlight) -> dict[str, Any]:
+    """What the kinematics say of a flight's sensors, or why they say nothing."""
+    from scenarios.compatibility.check import check_files
+    from scenarios.compatibility.report import finding_lines
+
+    try:
+        found = check_files(flight.request())
+    except FlightidError as error:
+        return {"done": False, "sentences": [f"{error.what}"], "findings": []}
+    names = list(dict.fromkeys(finding.name for finding in found.result.findings if finding.stands))
+    return {"done": True, "sentences": list(finding_lines(found)), "findings": names}
+
+
+def kept_of(flight: SurveyFlight, folder: Path) -> dict[str, Any] | None:
+    """What is kept of a flight where it is still of this record, vehicle, model, options and version; else None."""
+    content = found_json(folder / FOLDER / flight.name / KEPT)
+    sound = isinstance(content, dict) and content.get("schema") == SCHEMA and content.get("digest") == flight.digest
+    return content if sound else None

@@ -1,24 +1,310 @@
-"""A survey's folder that grows: of its flights those that are new or changed are computed, the others are as they were."""
+"""A survey's folder that grows: new flights are computed, on this machine or a cluster, and fitted with the sets of effects."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import base64
+import hashlib
+import io
+import json
+import os
+import socket
+import sys
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from scenarios.files.documents import found_json
+import numpy as np
+
+from scenarios.files.sources import found_json
+from scenarios.files.user_models import is_model_file
+from scenarios.files.writing import study_folder, write_json
 from scenarios.plots.formats import Formats
-from scenarios.survey.flights import Flight, Flights
-from scenarios.survey.one_flight import Diagnoses, kept_of
-from scenarios.tasks.study import Asked, run_study
+from scenarios.survey.flights import FOLDER, Diagnoses, Flights, SurveyFlight, kept_of
+from scenarios.survey.flights import KEPT as KEPT_FILES
+from scenarios.tasks.study import TaskRequest, run_study
+from scenarios.tasks.work import Row, Task
+from sim.errors import FlightidError
 
 if TYPE_CHECKING:
-    from scenarios.survey.pooled_fits import PooledFits
-    from scenarios.tasks.rows import Table
+    from ident.tracing.candidate_model.fitted_model import FitData, FittedModel
+    from ident.whole_record.layout import FitSettings
+    from scenarios.tasks.work import RowTable
+    from sim.declaration.proposal import Traceable
+
+
+# ---- Each flight fitted with every set of the effects that recur
+
+SCHEMA = "flightid/survey-fits/2"
+KEPT = "sets.json"
+Starts = Mapping[str, float]  # by full name of a parameter
+
+
+@dataclass(frozen=True)
+class PooledFits:
+    """The work: each task is a flight, fitted with all sets of ``effects`` beside the effects that are its own.
+
+    ``starts``: where the search for an effect's parameters begins: what other flights found. ``own`` of each flight: its effects that belong to
+    it alone, with their values.
+    """
+
+    flights: tuple[SurveyFlight, ...]
+    effects: tuple[str, ...]
+    starts: Starts
+    own: tuple[Mapping[str, Starts], ...]
+    folder: Path
+    name: str = "flights fitted with what recurs"
+    block: int = 1
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        return {"flight": "text", "sets": "int"}
+
+    def identity(self) -> Mapping[str, Any]:
+        return {"digests": [self.digest(number) for number in range(len(self.flights))]}
+
+    def digest(self, number: int) -> str:
+        """Of everything that a flight's fits depend on; not of the starts, from which every fit goes to its end."""
+        told = [SCHEMA, self.flights[number].digest, sorted(self.effects), sorted(self.own[number])]
+        return hashlib.sha256(json.dumps(told).encode()).hexdigest()
+
+    def path(self, number: int) -> Path:
+        return self.folder / FOLDER / self.flights[number].name / KEPT
+
+    def kept(self, number: int) -> Mapping[str, Any] | None:
+        """The fits of a flight as its folder has them; None where it has none of these."""
+        content = found_json(self.path(number))
+        return content if isinstance(content, dict) and content.get("digest") == self.digest(number) else None
+
+    def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
+        out: list[Row | str] = []
+        for task in tasks:
+            try:
+                sets = fitted_sets(self.flights[task.number], self.effects, self.starts, self.own[task.number])
+            except FlightidError as error:
+                out.append(str(error))
+                continue
+            write_json(self.path(task.number), {"schema": SCHEMA, "digest": self.digest(task.number), **sets})
+            out.append({"flight": self.flights[task.number].name, "sets": len(sets["sets"])})
+        return out
+
+
+def fitted_sets(flight: SurveyFlight, names: Sequence[str], starts: Starts, own: Mapping[str, Starts]) -> dict[str, Any]:
+    """Log likelihood, estimates and covariance of a flight's whole record with each set of the effects ``names`` that its model can have.
+
+    Where a residual is coloured the likelihood counts fewer samples: it is scaled by the share that are independent, of the largest set.
+    ``own`` effects are beside every set of ``sets``; beside those of ``sets_without`` only what belongs to a flight by nature, as a gust: a flight
+    alone may have named one thing for two that recur.
+    """
+    from ident.statistics.residual_spectrum import effective_share
+    from ident.tracing.candidate_model.fitted_model import FitData
+    from ident.tracing.spikes.masks import measured_masks
+    from ident.whole_record.layout import FitSettings
+    from scenarios.diagnosis.candidates import candidates_for
+    from scenarios.diagnosis.opening import opened_files, own_effects, posed_for, vehicle_path_of
+    from scenarios.preparation.declared_model import step_for
+    from scenarios.survey.recurring import is_of_flight
+
+    request = flight.request()
+    opened = opened_files(request, vehicle_path_of(request))
+    posed = posed_for(opened, request.plan)
+    records = (*posed.records, *posed.predicted)
+    known = {each.name: each for each in candidates_for(posed.model, own_effects(request.effects, posed.model)[0])}
+    outputs = [signal.name for signal in posed.model.equations.outputs if any(signal.name in record.output_names for record in records)]
+    data = FitData(records, measured_masks(records, outputs), posed.model, outputs)
+    settings = FitSettings(max_step=step_for(posed.model, posed.records, 0.01), enough=1e-6)
+    able = [name for name in names if name in known]
+    search = _Search(data, settings, known, starts, {full: value for each in own.values() for full, value in each.items()})
+    beside = [name for name in own if name in known]
+    remain = [name for name in beside if is_of_flight(name)]
+    found = {True: search.sets(able, beside)} | ({False: search.sets(able, remain)} if remain != beside else {})
+    most = next((each for each in reversed(found[True].values()) if each is not None), None)
+    share = effective_share(most.fit.residuals, [problem.valid for problem in most.fit.layout.problems]) if most is not None else 1.0
+    declared = [item.name for item in posed.model.parameters if item.free and not item.name.startswith("bias_")]
+    units = {item.name: item.unit for item in posed.model.parameters}
+    local = {name: [item.name for item in known[name].parameters if item.free] for name in able}
+    return {
+        "declared": declared,
+        "units": {name: units[name] for name in declared},
+        "effects": {name: {"parameters": local[name], "units": _units(known[name]), "full": _full(known[name])} for name in able},
+        "independent": share,
+        "own": [name for name in beside if name not in remain],
+        **{
+            key: {
+                "+".join(sorted(taken)): _told(each, declared, [known[n] for n in sorted(taken)], share)
+                for taken, each in found[own_in].items()
+                if each
+            }
+            for key, own_in in (("sets", True), ("sets_without", False))
+            if own_in in found
+        },
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Fits of one record with sets of effects, each begun at the likeliest smaller one."""
+
+    data: FitData
+    settings: FitSettings
+    known: Mapping[str, Traceable]
+    starts: Starts
+    own: Starts
+
+    def sets(self, names: Sequence[str], beside: Sequence[str]) -> dict[frozenset[str], FittedModel | None]:
+        """Every set of ``names``, with the effects ``beside`` in each; the whole one last."""
+        found: dict[frozenset[str], FittedModel | None] = {}
+        for size in range(len(names) + 1):
+            for chosen in combinations(names, size):
+                sound = [each for name in chosen if (each := found[frozenset(chosen) - {name}]) is not None]
+                start = min(sound, key=lambda each: each.fit.cost, default=None)
+                found[frozenset(chosen)] = self.fitted([*beside, *chosen], start)
+        return found
+
+    def fitted(self, names: Sequence[str], start: FittedModel | None) -> FittedModel | None:
+        from ident.tracing.candidate_model.fitted_model import fit_set, start_from
+
+        return fit_set(self.data, [self.known[name] for name in names], self.settings, start_from(start, {**self.own, **self.starts}))
+
+
+def _units(effect: Traceable) -> dict[str, str]:
+    return {item.name: item.unit for item in effect.parameters if item.free}
+
+
+def _full(effect: Traceable) -> list[str]:
+    from sim.declaration.effect import full_name
+
+    return [full_name(effect, item.name) for item in effect.parameters if item.free]
+
+
+def _told(fitted: FittedModel, declared: Sequence[str], effects: Sequence[Traceable], share: float) -> dict[str, Any]:
+    """Estimates of the declared parameters and then of the effects', with their covariance."""
+    from ident.statistics.information import inverse_information
+
+    normal, _ = fitted.fit.normal_equations()
+    covariance, _ = inverse_information(normal, fitted.fit.theta)
+    places = {name: at for at, name in enumerate(fitted.fit.layout.names)}
+    names = [*declared, *(full for effect in effects for full in _full(effect))]
+    at = [places.get(name, places.get(f"{name}, record 1", -1)) for name in names]
+    sound = np.array([place >= 0 for place in at])
+    chosen = np.array([max(place, 0) for place in at], dtype=int)
+    estimate = np.where(sound, fitted.fit.theta[chosen], 0.0)
+    return {
+        "log_likelihood": share * fitted.fit.log_likelihood,
+        "names": names,
+        "estimate": estimate,
+        "covariance": np.where(np.outer(sound, sound), covariance[np.ix_(chosen, chosen)], 1e30 * np.eye(len(at))) / share,
+    }
+
+
+# ---- A survey's work as the workers of a cluster do it
+
+FILES = "files"  # the column in which a flight's files come back, a ZIP archive as text
+STUDY = "diagnosis.json"
+
+
+@dataclass(frozen=True)
+class Sent:
+    """The same work for a cluster.
+
+    ``work``: as this machine would do it, into its folder. ``place``: the current folder, from which paths are read.
+    ``typed``: the words of the command line, which pages show. ``inputs``: files that are there, which every worker has
+    to see at the same path.
+    """
+
+    work: Diagnoses | PooledFits
+    place: Path
+    typed: tuple[str, ...]
+    inputs: tuple[Path, ...]
+
+    @property
+    def name(self) -> str:
+        return self.work.name
+
+    @property
+    def block(self) -> int:
+        return self.work.block
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        return {**self.work.columns, FILES: "text"}
+
+    def identity(self) -> Mapping[str, Any]:
+        return self.work.identity()
+
+    def unready(self) -> tuple[str, str] | None:
+        """Why this machine cannot do the work, and the remedy; None where it can."""
+        for path in self.inputs:
+            if not (self.place / path).is_file():
+                return (
+                    f"the worker on {socket.gethostname()} does not see {self.place / path}",
+                    "put the flights on a disk that every worker sees at the same path",
+                )
+        return None
+
+    def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
+        """Each task in a temporary folder; its files are part of its row."""
+        os.chdir(self.place)  # of a process that does this work alone
+        sys.argv = list(self.typed)
+        out: list[Row | str] = []
+        for task in tasks:
+            with TemporaryDirectory(prefix="flightid-") as scratch:
+                own = Path(scratch) / FOLDER / self.work.flights[task.number].name
+                own.mkdir(parents=True)
+                (row,) = replace(self.work, folder=Path(scratch)).run([task])
+                out.append(row if isinstance(row, str) else {**row, FILES: _packed(own)})
+        return out
+
+    def taken(self, row: Row) -> Row:
+        """Write the files that came with a row into this machine's folder; the row without them. Raises FlightidError."""
+        files = _unpacked(str(row[FILES]))
+        folder = self.work.folder / FOLDER / str(row["flight"])
+        if STUDY in files:
+            (folder / KEPT_FILES).unlink(missing_ok=True)  # what it says is no longer of this folder
+            with study_folder(folder, STUDY) as scratch:
+                for name, content in files.items():
+                    if name != KEPT_FILES:
+                        (scratch / name).write_bytes(content)
+            files = {KEPT_FILES: files[KEPT_FILES]}
+        for name, content in files.items():
+            part = folder / f".{name}.part"
+            part.write_bytes(content)
+            os.replace(part, folder / name)
+        return {**row, FILES: ""}
+
+
+def sent(work: Diagnoses | PooledFits) -> Sent:
+    """A survey's work, to be given to a cluster by this process."""
+    files = {path: None for flight in work.flights for path in _inputs(flight) if path.is_file()}
+    folder = Path.cwd()
+    return Sent(replace(work, folder=folder / work.folder), folder, tuple(sys.argv), tuple(files))
+
+
+def _inputs(flight: SurveyFlight) -> list[Path]:
+    model = [Path(flight.model)] if is_model_file(flight.model) else []
+    return [*flight.records, *model, *(path for path in (flight.channels, flight.effects) if path is not None)]
+
+
+def _packed(folder: Path) -> str:
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as files:
+        for path in sorted(folder.iterdir()):
+            files.write(path, path.name)
+    return base64.b64encode(archive.getvalue()).decode("ascii")
+
+
+def _unpacked(text: str) -> dict[str, bytes]:
+    with zipfile.ZipFile(io.BytesIO(base64.b64decode(text))) as files:
+        return {Path(each.filename).name: files.read(each) for each in files.infolist()}
+
+
+# ---- A survey's folder that grows
 
 MAIN = "survey.json"
-SCHEMA = "flightid/survey/1"
+GROWING_SCHEMA = "flightid/survey/1"
 Tell = Callable[[str, float], None]
 
 
@@ -31,7 +317,7 @@ class Grown:
     """
 
     kept: Mapping[str, Mapping[str, Any]]
-    flights: Mapping[str, Flight]
+    flights: Mapping[str, SurveyFlight]
     computed: tuple[str, ...]
     failed: Mapping[str, str]
     removed: tuple[str, ...]
@@ -76,12 +362,11 @@ def grown(
     return Grown(kept, {f.name: replace(f) for f in asked.flights}, computed, failed, removed, had)
 
 
-def flown(work: Diagnoses | PooledFits, count: int, jobs: int, folder: Path, tell: Tell, cluster: str | None) -> Table:
+def flown(work: Diagnoses | PooledFits, count: int, jobs: int, folder: Path, tell: Tell, cluster: str | None) -> RowTable:
     """The rows of a survey's work of ``count`` flights, whose files are in ``folder`` then. Raises as ``run_study``."""
-    asked = Asked(count, 0, max(1, min(jobs, count)), cluster=cluster, unit="flights", elsewhere=folder)
+    asked = TaskRequest(count, 0, max(1, min(jobs, count)), cluster=cluster, unit="flights", elsewhere=folder)
     if cluster is None:
         return run_study(work, asked, tell)
-    from scenarios.survey.on_cluster import sent
 
     return run_study(sent(work), asked, tell)
 
@@ -89,4 +374,4 @@ def flown(work: Diagnoses | PooledFits, count: int, jobs: int, folder: Path, tel
 def last_survey(folder: Path) -> Mapping[str, Any]:
     """The document of the last survey in a folder; empty where there is none."""
     content = found_json(folder / MAIN)
-    return content if isinstance(content, dict) and content.get("schema") == SCHEMA and isinstance(content.get("flights"), dict) else {}
+    return content if isinstance(content, dict) and content.get("schema") == GROWING_SCHEMA and isinstance(content.get("flights"), dict) else {}

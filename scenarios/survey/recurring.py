@@ -1,4 +1,4 @@
-"""Which effects recur: judged over all flights together."""
+"""Effects that recur over flights, and derivatives of all flights given them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,57 @@ from typing import Any
 
 import numpy as np
 
-from ident.pooling import Evidence, Recurrence, pooled, recurrence
-from scenarios.survey.candidates import Kept
+from ident.pooling import Evidence, Pooled, Recurrence, Trend, adjusted, conditioned, pooled, recurrence, standing_out, trend, without_one
+
+# ---- Which effects may recur
+
+FEWEST_NAMED = 2  # flights that claim an effect or name it as an alternative, from which it may recur
+MOST = 5  # effects that are tried together: 32 sets a flight
+
+Kept = Mapping[str, Mapping[str, Any]]
+
+
+def candidates(kept: Kept) -> tuple[str, ...]:
+    """Effects that may recur, the most often named first: claimed somewhere, and named in two flights at least."""
+    claimed: Counter[str] = Counter()
+    named: Counter[str] = Counter()
+    for flight in kept.values():
+        names = {name for each in flight["effects"] for name in (each["name"], *each["alternatives"])}
+        named.update(names)
+        claimed.update({name for each in flight["effects"] if each["claimed"] for name in (each["name"], *each["alternatives"])})
+    # Two flights that name different things may mean one: what is named anywhere beside a recurring name is tried as its rival.
+    wanted = [name for name in named if named[name] >= FEWEST_NAMED and claimed[name] and not is_of_flight(name)]
+    return tuple(sorted(wanted, key=lambda name: (-claimed[name], -named[name], name))[:MOST])
+
+
+def is_of_flight(name: str) -> bool:
+    """Whether an effect belongs to one flight by its nature: an event, a drift, rough air."""
+    from sim.effects.library import library
+
+    traits = {effect.name: effect.traits for effect in library() if hasattr(effect, "traits")}
+    mine = traits.get(name)
+    return mine is not None and (mine.per_record or bool(mine.onset) or mine.background or bool(mine.wrong_samples_of))
+
+
+def own_effects(flight: Mapping[str, Any], shared: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Effects that a flight claims and that are its own, with their values by full name."""
+    rivals = {name for each in flight["effects"] if each["name"] in shared for name in each["alternatives"]}
+    mine = [e for e in flight["effects"] if e["claimed"] and e["name"] not in shared and e["name"] not in rivals]
+    return {e["name"]: {f"{e['name']}.{local}": q["value"] for local, q in e["parameters"].items()} for e in mine}
+
+
+def starts_of(kept: Kept, names: Sequence[str]) -> dict[str, float]:
+    """Where each effect's parameters begin: the median over the flights that name it."""
+    seen: dict[str, list[float]] = {}
+    for flight in kept.values():
+        for each in flight["effects"]:
+            if each["name"] in names:
+                for local, q in each["parameters"].items():
+                    seen.setdefault(f"{each['name']}.{local}", []).append(q["value"])
+    return {name: float(np.median(values)) for name, values in seen.items()}
+
+
+# ---- Which effects recur: judged over all flights together
 
 LIBRARY = 60  # effects that a search may name, for which the chance of a false recurrence is counted
 EQUAL = 3.0  # twice the log likelihood, as in a diagnosis: below it two names are equal
@@ -190,3 +239,153 @@ def _told(
     return Recurring(
         name, {local: told["units"][local] for local in told["parameters"]}, tuple(flights), found, evidence.value, sigmas, margins, by_itself
     )
+
+
+# ---- Which effects recur beside those that single flights claim
+
+NEEDED = 10.0  # twice the log likelihood, of a flight's own effect beside those that recur. chosen, as in a diagnosis
+ROUNDS = 4  # of asking flights for their own effects again; far more than it takes
+
+
+def recurring_beside_own(
+    names: Sequence[str], flights: Sequence[str], fits: Sequence[Mapping[str, Any]], kept: Kept
+) -> tuple[list[Recurring], list[frozenset[str]], list[Mapping[str, Any]]]:
+    """As ``recurring``, where a flight's own effects have to be needed beside what recurs; with the fits that were taken of each flight.
+
+    A flight alone may name one effect for two that recur, and would then say wrong values of both. Its own effects go where without them, with
+    whatever it has of what recurs, it is not clearly less likely; then all flights are asked again.
+    """
+    left = (False,) * len(fits)
+    for _ in range(ROUNDS):
+        now = [{**each, "sets": each["sets_without"]} if without else each for each, without in zip(fits, left, strict=True)]
+        found, sets = recurring(names, flights, now, kept)
+        taken = frozenset(each.name for each in found)
+        before, left = left, tuple(_needless(each, taken) for each in fits)
+        if left == before:
+            break
+    return found, sets, now
+
+
+def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
+    """Whether a flight's own effects are not needed beside the effects ``taken``, of which it may have any."""
+
+    def most(sets: Mapping[str, Any]) -> float:
+        return max((each["log_likelihood"] for key, each in sets.items() if frozenset(filter(None, key.split("+"))) <= taken), default=-np.inf)
+
+    return "sets_without" in fitted and 2.0 * (most(fitted["sets"]) - most(fitted["sets_without"])) < NEEDED
+
+
+# ---- Derivatives of all flights
+
+TOLD = 0.05  # rate of false discoveries among the trends, and among the derivatives said to differ
+UNDETERMINED = 1e6  # sigma over the value, from which a flight says nothing of it
+
+
+@dataclass(frozen=True, eq=False)
+class Derivative:
+    """One derivative over the flights.
+
+    ``values``, ``sigmas (n,)`` of ``flights``. ``differs``: rate of false discoveries at which it has not one value. ``trends`` by condition with the
+    rate at which each is told. ``off (n,)``: standard deviations from the line or the common value, ``out`` those that stand out.
+    """
+
+    name: str
+    unit: str
+    flights: tuple[str, ...]
+    values: np.ndarray
+    sigmas: np.ndarray
+    common: Pooled
+    differs: float
+    trends: Mapping[str, tuple[Trend, float]]
+    off: np.ndarray
+    out: np.ndarray
+
+    @property
+    def drifts(self) -> tuple[str, Trend] | None:
+        """The condition with which it changes most surely, where one does."""
+        told = {name: (line, q) for name, (line, q) in self.trends.items() if q < TOLD}
+        if not told:
+            return None
+        best = min(told, key=lambda name: (told[name][0].p_value, name))
+        return best, told[best][0]
+
+
+def estimates(
+    flights: Sequence[str], fits: Sequence[Mapping[str, Any]], found: Sequence[Recurring], sets: Sequence[frozenset[str]]
+) -> list[dict[str, tuple[float, float]]]:
+    """Derivatives of each flight with sigmas, once the other flights have told the values that are shared."""
+    out: list[dict[str, tuple[float, float]]] = []
+    shared = {each.name: each for each in found if each.found.agrees}
+    for number, (each, taken) in enumerate(zip(fits, sets, strict=True)):
+        fitted = each["sets"].get("+".join(sorted(taken)))
+        if fitted is None:
+            out.append({})
+            continue
+        value, covariance = np.array(fitted["estimate"]), np.array(fitted["covariance"])
+        covariance_own = covariance
+        for name in sorted(taken & set(shared)):
+            one = shared[name]
+            at = np.array([fitted["names"].index(full) for full in each["effects"][name]["full"]])
+            own = covariance_own[np.ix_(at, at)] / one.found.probability[number]  # as it weighs in the common value
+            others = without_one(one.found.value, one.found.covariance, one.values[number], own)
+            if others is not None:
+                value, covariance = conditioned(value, covariance, at, *others)
+        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        out.append(
+            {n: (float(v), float(s)) for n, v, s in zip(each["declared"], value, sigma, strict=False) if 0 < s < UNDETERMINED * max(abs(v), 1e-12)}
+        )
+    return out
+
+
+def effects_over(found: Sequence[Recurring], conditions: Mapping[str, Mapping[str, float]]) -> dict[tuple[str, str], tuple[str, Trend]]:
+    """Parameters of effects whose values differ between flights, by effect and name, with the condition with which each changes most surely."""
+    asked: list[tuple[tuple[str, str], str, Trend]] = []
+    for each in found:
+        if each.found.agrees:
+            continue
+        for condition, by_flight in conditions.items():
+            at = [number for number, name in enumerate(each.flights) if name in each.has and name in by_flight]
+            where = np.array([by_flight[each.flights[number]] for number in at])
+            for place, local in enumerate(each.parameters):
+                line = trend(each.values[at, place], each.sigmas[at, place], where)
+                if line is not None:
+                    asked.append(((each.name, local), condition, line))
+    rates = adjusted(np.array([line.p_value for *_, line in asked]))
+    out: dict[tuple[str, str], tuple[str, Trend]] = {}
+    for (key, condition, line), rate in zip(asked, rates, strict=True):
+        if rate < TOLD and (key not in out or line.p_value < out[key][1].p_value):
+            out[key] = condition, line
+    return out
+
+
+def over_flights(
+    flights: Sequence[str], told: Sequence[Mapping[str, tuple[float, float]]], conditions: Mapping[str, Mapping[str, float]], units: Mapping[str, str]
+) -> list[Derivative]:
+    """Each derivative over all flights; ``conditions`` by name and flight."""
+    names = list(dict.fromkeys(name for each in told for name in each))
+    made = []
+    for name in names:
+        has = [number for number, each in enumerate(told) if name in each]
+        values, sigmas = (np.array([told[number][name][which] for number in has]) for which in (0, 1))
+        lines: dict[str, Trend] = {}
+        for condition, by_flight in conditions.items():
+            at = [place for place, number in enumerate(has) if flights[number] in by_flight]
+            line = trend(values[at], sigmas[at], np.array([by_flight[flights[has[place]]] for place in at]))
+            if line is not None:
+                lines[condition] = line
+        made.append((name, tuple(flights[number] for number in has), values, sigmas, pooled(values, sigmas), lines))
+    rates = iter(adjusted(np.array([line.p_value for *_, lines in made for line in lines.values()])))
+    differ = adjusted(np.array([common.p_same for *_, common, _ in made]))
+    out = []
+    for (name, here, values, sigmas, common, lines), rate in zip(made, differ, strict=True):
+        trends = {condition: (line, float(next(rates))) for condition, line in lines.items()}
+        plain = Derivative(
+            name, units.get(name, ""), here, values, sigmas, common, float(rate), trends, np.zeros(len(here)), np.zeros(len(here), dtype=bool)
+        )
+        drift = plain.drifts
+        left = values - common.value
+        if drift is not None:
+            left = values - drift[1].band(np.array([conditions[drift[0]].get(one, drift[1].middle) for one in here]))[0]
+        off, stands = standing_out(left, sigmas)
+        out.append(Derivative(**{**vars(plain), "off": off, "out": stands}))
+    return out

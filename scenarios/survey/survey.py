@@ -10,19 +10,25 @@ from typing import Any
 
 from ident.pooling import Trend
 from scenarios.plots.formats import Formats
-from scenarios.survey.beside_own import recurring_beside_own
-from scenarios.survey.candidates import candidates, own_effects, starts_of
-from scenarios.survey.derivatives import Derivative, effects_over, estimates, over_flights
 from scenarios.survey.flights import Flights, read_flights
-from scenarios.survey.growing import Grown, Tell, flown, grown
-from scenarios.survey.pooled_fits import PooledFits
-from scenarios.survey.recurring import Recurring
+from scenarios.survey.growing import Grown, PooledFits, Tell, flown, grown
+from scenarios.survey.recurring import (
+    Derivative,
+    Recurring,
+    candidates,
+    effects_over,
+    estimates,
+    over_flights,
+    own_effects,
+    recurring_beside_own,
+    starts_of,
+)
 
 FITTING = 0.75  # share of the work that is the diagnoses
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Survey:
+class SurveyResult:
     """The result of a survey.
 
     ``flights``: what was asked. ``grown``: each flight's own result. ``recurs``: effects that recur. ``tried``: those that were asked of all flights.
@@ -73,7 +79,7 @@ def survey_flights(
     figures: Formats = (),
     tell: Tell = lambda stage, share: None,
     cluster: str | None = None,
-) -> Survey:
+) -> SurveyResult:
     """Survey the flights of a file into a folder, in which each flight's own results are kept.
 
     ``jobs`` : processes of this machine. ``cluster`` : the address of a Dask scheduler, whose workers take their place.
@@ -106,7 +112,9 @@ def survey_flights(
     changes = effects_over(found, conditions)
     tell("pooled", 0.96)
     single, gone_of = ({name: tuple(here) for name, here in sorted(each.items())} for each in (alone, needless))
-    return Survey(asked, had, tuple(found), names, single, gone_of, tuple(derivatives), conditions, condition_units, changes, refitted, unfitted)
+    return SurveyResult(
+        asked, had, tuple(found), names, single, gone_of, tuple(derivatives), conditions, condition_units, changes, refitted, unfitted
+    )
 
 
 def _fits(

@@ -14,8 +14,8 @@ import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from scenarios.files.versions import versions
-from scenarios.tasks.running import failed_by_circumstance
+from scenarios.files.sources import versions
+from scenarios.tasks.processes import failed_by_circumstance
 from scenarios.tasks.work import Ended, Task, Work
 from sim.errors import FlightidError
 
@@ -55,7 +55,7 @@ def run_on_cluster(
         yield from _streamed(client, _Sending(client, work, longest), blocks, address, say)
 
 
-class _Given(NamedTuple):
+class _SentBlock(NamedTuple):
     """A block on its way."""
 
     at: int
@@ -100,7 +100,7 @@ def _streamed(
     from distributed import as_completed
 
     coming: Any = as_completed([], loop=client.loop, with_results=True, raise_errors=False)
-    waiting: dict[str, _Given] = {}
+    waiting: dict[str, _SentBlock] = {}
     given, window, looked = 0, FEWEST, -LOOK
     while given < len(blocks) or waiting:
         if time.monotonic() - looked > LOOK:
@@ -110,7 +110,7 @@ def _streamed(
                 say("the cluster has no workers yet" if not given else "the cluster has no workers, waiting for some")
         while given < len(blocks) and len(waiting) < window:
             future = send(given, blocks[given])
-            waiting[str(future.key)] = _Given(given, future)
+            waiting[str(future.key)] = _SentBlock(given, future)
             coming.add(future)
             given += 1
         batch = coming.next_batch(block=False)

@@ -11,10 +11,9 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import overload
 
-from scenarios.files.versions import versions
-from scenarios.tasks.manifest import DECIDING
+from scenarios.files.sources import versions
 from scenarios.tasks.processes import run_in_processes
-from scenarios.tasks.work import Ended, Task, Work
+from scenarios.tasks.work import DECIDING, Ended, Task, Work
 
 IDLE = 30.0  # s after which a process that has nothing to do is ended
 

@@ -1,4 +1,4 @@
-"""Blocks of tasks shared out among processes of this machine, each with one thread of linear algebra."""
+"""Blocks of tasks shared out among processes of this machine."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, TimeoutError, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -19,15 +20,40 @@ from pebble import ProcessExpired, ProcessPool
 from threadpoolctl import threadpool_limits
 
 from ident.alongside import can_fork
-from scenarios.tasks.running import failed_by_circumstance, run_block
 from scenarios.tasks.work import Ended, Task, Work
 from sim.errors import FlightidError
+
+if TYPE_CHECKING:
+    from multiprocessing.process import BaseProcess
+
+
+# ---- One block of tasks, where it stands: what fails in it is recorded
+
+
+def run_block(work: Work, block: Sequence[Task]) -> list[Ended]:
+    """One block in this process; what fails is recorded."""
+    started = time.perf_counter()
+    try:
+        rows = list(work.run(block))
+        if len(rows) != len(block):
+            raise ValueError(f"{len(rows)} rows of {len(block)} tasks")
+    except Exception as error:
+        line = " ".join(f"{type(error).__name__}: {error}".split())
+        rows = [line] * len(block)
+    seconds = (time.perf_counter() - started) / len(block)
+    return [Ended(task, None, row, seconds) if isinstance(row, str) else Ended(task, row, "", seconds) for task, row in zip(block, rows, strict=True)]
+
+
+def failed_by_circumstance(block: Sequence[Task], why: str, seconds: float = 0.0) -> list[Ended]:
+    """A block that something other than its tasks ended."""
+    return [Ended(task, None, why, seconds / len(block), passing=True) for task in block]
+
+
+# ---- Blocks of tasks shared out among processes of this machine
 
 if sys.platform != "win32":
     from multiprocessing.context import ForkServerContext, ForkServerProcess
 
-if TYPE_CHECKING:
-    from multiprocessing.process import BaseProcess
 
 LOOK = 0.5  # s between looks whether all processes live
 LIVES = 2  # processes that may die over one block, before it is given up
@@ -85,7 +111,7 @@ def run_in_processes(work: Work, blocks: Sequence[Sequence[Task]], jobs: int, lo
     context = _context(type(work).__module__)
     pools: list[ProcessPool] = []
     idle: list[ProcessPool] = []
-    waiting: dict[Future[list[Ended]], _Given] = {}
+    waiting: dict[Future[list[Ended]], _GivenBlock] = {}
 
     def another() -> ProcessPool:
         # One process each: those of one pool share a pipe and its locks, and one that dies at the wrong moment stops the others.
@@ -96,12 +122,12 @@ def run_in_processes(work: Work, blocks: Sequence[Sequence[Task]], jobs: int, lo
         while idle:
             pool = idle.pop()
             with contextlib.suppress(RuntimeError):  # it died while it had nothing to do
-                waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = _Given(at, life, pool)
+                waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = _GivenBlock(at, life, pool)
                 return
             _end(pools, pool)
         pool = another()
         try:
-            waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = _Given(at, life, pool)
+            waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = _GivenBlock(at, life, pool)
         except BrokenProcessPool:
             raise FlightidError("no process can be started", where="--jobs", remedy="ask for fewer, or close what takes memory") from None
 
@@ -131,7 +157,7 @@ def run_in_processes(work: Work, blocks: Sequence[Sequence[Task]], jobs: int, lo
         _end(pools, *pools)
 
 
-class _Given(NamedTuple):
+class _GivenBlock(NamedTuple):
     """A block, which of its lives it is, and who has it."""
 
     at: int
@@ -206,3 +232,33 @@ def _begin(work: Work) -> None:
 def _run(block: Sequence[Task]) -> list[Ended]:
     assert _given is not None
     return run_block(_given, block)
+
+
+# ---- Who runs blocks of tasks: this process, or several of this machine
+
+WORTH = 2.0  # s of work left in one process, from which starting others pays
+
+
+def available_cores() -> int:
+    """Processors that this process may use, which a batch system may have made fewer than the machine has."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def run_blocks(work: Work, blocks: Sequence[Sequence[Task]], jobs: int = 1, longest: float | None = None) -> Iterator[list[Ended]]:
+    """Each block's tasks as they end, in whatever order. Nothing in a row depends on ``jobs``.
+
+    ``longest`` : s of wall time that a block may take; then it is ended, and its tasks have that as their error. What is ``quick``
+    begins here, and goes to processes if enough is left for them.
+    """
+    at = 0
+    if longest is None:
+        while at < len(blocks) and (jobs < 2 or len(blocks) - at < 2 or getattr(work, "quick", False)):
+            started = time.perf_counter()
+            yield run_block(work, blocks[at])
+            at += 1
+            if jobs > 1 and (time.perf_counter() - started) * (len(blocks) - at) > WORTH * jobs / (jobs - 1.0):
+                break
+    if at < len(blocks):
+        yield from run_in_processes(work, blocks[at:], jobs, longest)

@@ -1,4 +1,4 @@
-"""A study of N tasks: what is asked, what is missing of it, and the table of all rows."""
+"""A study of N tasks: what is missing of it, how it is run, and the table of all rows."""
 
 from __future__ import annotations
 
@@ -11,19 +11,21 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from scenarios.tasks.rows import Columns, Table, all_columns, columns_of, in_order, joined, table_of
-from scenarios.tasks.sharing import run_blocks
-from scenarios.tasks.work import Ended, Row, Task, Work, seed_of
+from scenarios.tasks.processes import available_cores, run_blocks
+from scenarios.tasks.work import Columns, Ended, Row, RowTable, Task, Work, all_columns, columns_of, in_order, joined, seed_of, table_of
 from sim.errors import FlightidError
 
 if TYPE_CHECKING:
-    from scenarios.tasks.shards import Shards
+    from scenarios.tasks.work import Shards
+
+
+# ---- A study of N tasks: what is asked, what is missing of it, and the table of all rows
 
 Tell = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Asked:
+class TaskRequest:
     """How many tasks, from which root of seeds, and how they are run.
 
     ``jobs`` : processes. ``folder`` : where rows are kept as they come (None: in memory alone). ``resume`` : go on with what that
@@ -61,7 +63,7 @@ class Blocks(Sequence[Sequence[Task]]):
         return [Task(int(number), seed_of(self._root, int(number))) for number in self._numbers[at]]
 
 
-def run_study(work: Work, asked: Asked, tell: Tell = lambda stage, share: None) -> Table:
+def run_study(work: Work, asked: TaskRequest, tell: Tell = lambda stage, share: None) -> RowTable:
     """Run what is missing and give the table of all; after Ctrl-C, of those that had ended.
 
     Raises
@@ -78,8 +80,7 @@ def run_study(work: Work, asked: Asked, tell: Tell = lambda stage, share: None) 
         except FlightidError as error:
             raise _cut_short(error, sum(len(piece["number"]) for piece in pieces), asked) from None
         return table_of(work, in_order(joined(all_columns(work), pieces), asked.count), asked.count)
-    from scenarios.tasks.manifest import manifest_of
-    from scenarios.tasks.shards import Shards, locked, missing
+    from scenarios.tasks.work import Shards, locked, manifest_of, missing
 
     folder, wanted = asked.folder, manifest_of(work, asked.root, asked.count)
     made = [each for each in (folder, *folder.parents) if not each.exists()]
@@ -109,7 +110,7 @@ def run_study(work: Work, asked: Asked, tell: Tell = lambda stage, share: None) 
     return table_of(work, columns, asked.count)
 
 
-def _run(work: Work, asked: Asked, numbers: np.ndarray, keep: Callable[[list[Ended]], None], tell: Tell) -> None:
+def _run(work: Work, asked: TaskRequest, numbers: np.ndarray, keep: Callable[[list[Ended]], None], tell: Tell) -> None:
     """Run the tasks of ``numbers``; Ctrl-C ends it. The share that is told is that of them, so that the time that is left follows from it."""
     grouped = np.split(numbers, np.flatnonzero(np.diff(numbers // work.block)) + 1) if len(numbers) else []
     before = asked.count - len(numbers)
@@ -139,18 +140,18 @@ def _taken(work: Work, ended: Ended) -> Ended:
     return ended if take is None or ended.row is None else replace(ended, row=take(ended.row))
 
 
-def _here(work: Work, blocks: Blocks, asked: Asked) -> Generator[list[Ended], None, None]:
+def _here(work: Work, blocks: Blocks, asked: TaskRequest) -> Generator[list[Ended], None, None]:
     yield from run_blocks(work, blocks, asked.jobs, asked.longest)
 
 
-def _by_cluster(work: Work, blocks: Blocks, asked: Asked, say: Callable[[str], None]) -> Generator[list[Ended], None, None]:
+def _by_cluster(work: Work, blocks: Blocks, asked: TaskRequest, say: Callable[[str], None]) -> Generator[list[Ended], None, None]:
     from scenarios.tasks.cluster import run_on_cluster
 
     assert asked.cluster is not None
     yield from run_on_cluster(work, blocks, asked.cluster, asked.longest, say)
 
 
-def _cut_short(error: FlightidError, ended: int, asked: Asked) -> FlightidError:
+def _cut_short(error: FlightidError, ended: int, asked: TaskRequest) -> FlightidError:
     """What went wrong around the tasks, with what of them is kept."""
     if not ended:
         return error
@@ -167,8 +168,7 @@ def _cut_short(error: FlightidError, ended: int, asked: Asked) -> FlightidError:
 
 def _take_away(folder: Path, made: Sequence[Path]) -> None:
     """Leave no trace of a study that could not begin: its manifest and lock, and the folders ``made`` for it, innermost first."""
-    from scenarios.tasks.manifest import MANIFEST
-    from scenarios.tasks.shards import LOCK
+    from scenarios.tasks.work import LOCK, MANIFEST
 
     with suppress(OSError):
         (folder / MANIFEST).unlink(missing_ok=True)
@@ -177,9 +177,9 @@ def _take_away(folder: Path, made: Sequence[Path]) -> None:
             each.rmdir()
 
 
-def _agree(wanted: Mapping[str, Any], asked: Asked, folder: Path) -> None:
+def _agree(wanted: Mapping[str, Any], asked: TaskRequest, folder: Path) -> None:
     """The manifest of what is asked, written where there is none, compared with the one that is there."""
-    from scenarios.tasks.manifest import read_manifest, refuse_another, write_manifest
+    from scenarios.tasks.work import read_manifest, refuse_another, write_manifest
 
     kept = read_manifest(folder)
     if kept is None:
@@ -194,10 +194,54 @@ def _agree(wanted: Mapping[str, Any], asked: Asked, folder: Path) -> None:
         write_manifest(folder, wanted)
 
 
-def _stage(done: int, asked: Asked, rate: float) -> str:
+def _stage(done: int, asked: TaskRequest, rate: float) -> str:
     """``"120 of 1000 runs, 14 a second"``, slow ones by the minute or hour."""
     words = f"{done} of {asked.count} {asked.unit}"
     for per, seconds in (("second", 1.0), ("minute", 60.0), ("hour", 3600.0)):
         if rate * seconds >= 1.0:
             return f"{words}, {rate * seconds:.3g} a {per}"
     return words
+
+
+# ---- How repeated work is run: what the options of every command that repeats something say
+
+FOLDER = "runs"  # in the folder of a study: its rows and their manifest
+
+
+MOST_JOBS = 1024
+MOST_TASKS = 10_000_000  # of one study, whose numbers alone then take some 100 MB
+
+
+@dataclass(frozen=True)
+class Manner:
+    """``jobs`` : processes, None for one a core. ``out`` : the folder of the study, in which rows are kept as they come. ``resume`` : go on with
+    them. ``cluster`` : the address of a Dask scheduler. ``limit`` : s that one task may take."""
+
+    jobs: int | None = 1
+    out: Path | None = None
+    resume: bool = False
+    cluster: str | None = None
+    limit: float | None = None
+
+    def asked(self, count: int, root: int, block: int, unit: str) -> TaskRequest:
+        """A study of ``count`` tasks in blocks of ``block``. Raises FlightidError for what cannot be."""
+        if self.jobs is not None and self.jobs < 1:
+            raise FlightidError(f"{self.jobs} processes", where="--jobs", remedy="give one or more, or leave it out for one a core")
+        if self.jobs is not None and self.jobs > MOST_JOBS:
+            raise FlightidError(f"{self.jobs} processes", where="--jobs", remedy=f"give {MOST_JOBS} or fewer, or leave it out for one a core")
+        if self.limit is not None and not 0.0 < self.limit < float("inf"):
+            raise FlightidError(f"{self.limit:g} s", where="--time-limit", remedy="give the seconds that one of them may take")
+        if self.resume and self.out is None:
+            raise FlightidError("there is no folder to go on with", where="--resume", remedy="name the folder with --out")
+        folder = None if self.out is None else self.out / FOLDER
+        longest = None if self.limit is None else self.limit * min(block, count)
+        if count > MOST_TASKS:
+            raise FlightidError(f"{count} {unit} are more than can be kept", where="--runs", remedy=f"give {MOST_TASKS} or fewer")
+        return TaskRequest(count, root, self.jobs or available_cores(), folder, self.resume, self.cluster, longest, unit)
+
+
+def stopped(ended: int, asked: int, unit: str, out: Path | None) -> KeyboardInterrupt:
+    """What Ctrl-C ends a study with: what is kept of it, and how to go on."""
+    if out is None:
+        return KeyboardInterrupt(f"the table of the {ended} of {asked} {unit} that had ended is printed above")
+    return KeyboardInterrupt(f"the table of the {ended} of {asked} {unit} that had ended is in {out}; the same command with --resume goes on")

@@ -19,7 +19,7 @@ EARLY = 0.02  # of the work, before which nothing is known of the time that is l
 
 
 @dataclass
-class Told:
+class LastProgress:
     """What was told last: what is done, and which share of all (0 to 1); since when work goes on."""
 
     stage: str = ""
@@ -42,7 +42,7 @@ def progress_bar(shown: bool = True, *, counted: bool = True, before: tuple[int,
     """
     done, of, since = before or (0, 1, time.monotonic())
     number = f"{done + 1} of {of}: " if of > 1 else ""
-    told = Told(f"{done} of {of} done" if of > 1 else "", done / of, since)
+    told = LastProgress(f"{done} of {of} done" if of > 1 else "", done / of, since)
 
     def advance(stage: str, share: float) -> None:
         within = min(max(share, 0.0), 1.0) if counted else 0.0
@@ -74,21 +74,21 @@ def told_time(seconds: float) -> str:
     return f"{hours} h {rest} min" if rest else f"{hours} h"
 
 
-def _lines(told: Told, ended: threading.Event) -> None:
+def _lines(told: LastProgress, ended: threading.Event) -> None:
     """A plain line every ``EVERY`` seconds until the work has ended."""
     while not ended.wait(EVERY):
         with contextlib.suppress(OSError, ValueError):  # stderr may be closed
             print(f"flightid: {told.line(time.monotonic())}", file=sys.stderr, flush=True)
 
 
-def _bar(told: Told, ended: threading.Event) -> None:
+def _bar(told: LastProgress, ended: threading.Event) -> None:
     """A bar that is taken away when the work has ended; one that only moves where no share is known."""
     if ended.wait(SHORT):
         return
     from rich.progress import BarColumn, Progress, TextColumn
 
-    from scenarios.files.escaping import styled_stream
-    from scenarios.terminal.numbers import EscapingConsole
+    from scenarios.files.sources import styled_stream
+    from scenarios.terminal.quantities import EscapingConsole
 
     columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False))
     console = EscapingConsole(file=styled_stream(sys.stderr))

@@ -1,11 +1,77 @@
-"""Quantities with their sigmas in the unit in which people read them."""
+"""Quantities as people read them: display units, sigmas, numbers and single lines.
+
+| quantity | shown in |
+|---|---|
+| angles, their rates | deg, deg/s, deg/s2 |
+| frequencies | rad/s, with Hz beside |
+| derivatives, trims of the equations (L_0, M_0) and everything else | the unit that it has: 1/rad, rad/s, s, g, m/s |
+
+Inside and in JSON and CSV files everything is SI, load factors in g.
+"""
 
 from __future__ import annotations
 
+import io
 import math
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
+
+from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Quantity
-from scenarios.terminal.display_units import in_hertz, shown_in, spaced
+from scenarios.files.sources import escaped, styled_stream
+
+# ---- The one unit in which each quantity is shown
+
+DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "rad/s/s": "deg/s2"}
+NO_UNIT = ("", "1")
+LOADS = ("L_0", "M_0")  # loads over mass and inertia, read beside the derivatives and not as rates
+
+
+class Shown(NamedTuple):
+    """How a quantity is shown: ``factor`` times its number, in ``unit``."""
+
+    factor: float
+    unit: str
+
+
+def shown_in(unit: str, name: str = "") -> Shown:
+    """How a quantity of ``unit`` is shown; its ``name`` tells a frequency, which nobody reads in deg/s, from a rate."""
+    if unit in DEGREES and name not in LOADS and not is_frequency(name, unit):
+        return Shown(180.0 / math.pi, DEGREES[unit])
+    return Shown(1.0, unit)
+
+
+def told(value: float, unit: str, name: str = "") -> str:
+    """A number without a sigma as it is shown: ``"0.5 deg"``, ``"12 rad/s (1.91 Hz)"``."""
+    factor, shown = shown_in(unit, name)
+    return f"{factor * value:.5g}{spaced(shown)}{in_hertz(value, name, unit)}"
+
+
+def is_frequency(name: str, unit: str) -> bool:
+    """Whether a quantity of ``unit`` is a frequency by its name: ``frequency``, ``natural_frequency``, ``omega1``."""
+    return unit == "rad/s" and ("frequency" in name or name.rpartition(".")[2].rstrip("0123456789") == "omega")
+
+
+def in_hertz(value: float, name: str, unit: str) -> str:
+    """``" (1.91 Hz)"`` behind a frequency in rad/s, nothing behind anything else."""
+    return f" ({value / (2.0 * math.pi):.3g} Hz)" if is_frequency(name, unit) else ""
+
+
+def unit_cell(unit: str) -> str:
+    """A unit in a column of units: nothing for a pure number."""
+    return unit if unit not in NO_UNIT else ""
+
+
+def spaced(unit: str) -> str:
+    """A unit behind its number: a blank and the unit, nothing for a pure number."""
+    return f" {unit}" if unit not in NO_UNIT else ""
+
+
+# ---- Quantities with their sigmas in the unit in which people read them
 
 # Channels in words; one that is its own word, such as the airspeed or the rudder, is not here.
 CHANNELS = {
@@ -66,3 +132,78 @@ def _digits(std: float) -> int:
 def determined(value: float, std: float) -> bool:
     """Whether a sigma leaves anything of a value: a hundred times the angle that a limit has is no knowledge of it."""
     return 0.0 < std < math.inf and (std < 1e3 * abs(value) or (abs(value) < 1e-3 and std < 1.0))
+
+
+# ---- Numbers and single lines as the terminal shows them
+
+GROWING = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
+
+
+class EscapingConsole(Console):
+    """A console whose own styles reach the terminal, and no control character of a text (rich asks for a class here)."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """The segments of what is printed, their texts escaped."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=escaped(segment.text))
+
+
+def console(width: int | None = None) -> Console:
+    """A console that never folds numbers, 120 columns where the output is not a terminal; brackets in texts stay as they are."""
+    plain = EscapingConsole(file=styled_stream(sys.stdout), markup=False)
+    return plain if plain.is_terminal else Console(width=width or 120, no_color=True, highlight=False, markup=False)
+
+
+def as_text(show: Callable[[Console], None]) -> str:
+    """What ``show`` prints, as it stands where the output is not a terminal, without blanks at the ends of lines."""
+    out = Console(file=io.StringIO(), width=120, no_color=True, highlight=False, markup=False)
+    show(out)
+    return "".join(f"{line.rstrip()}\n" for line in out.file.getvalue().splitlines())  # type: ignore[attr-defined]
+
+
+def number_text(value: float, std: float | None = None) -> str:
+    """A number with the digits that its standard deviation makes sensible: two of the deviation, else five."""
+    if not math.isfinite(value):
+        return "unknown"
+    if std is None or not 0 < std < math.inf:
+        return f"{value:.5g}"
+    from math import floor, log10
+
+    last = floor(log10(std)) - 1  # the decimal place of the deviation's second digit
+    if last >= -5:
+        return f"{value:.{max(0, -last)}f}"
+    return f"{value:.{max(1, floor(log10(max(abs(value), std))) - last)}e}"
+
+
+def derived_line(derived: Mapping[str, tuple[float, float]]) -> str:
+    """Natural frequency, damping and the like with their sigmas, in one line."""
+    return "; ".join(_derived_text(key, value, std) for key, (value, std) in derived.items())
+
+
+def _derived_text(key: str, value: float, std: float) -> str:
+    """``"phugoid frequency 0.0881 +- 0.0012 rad/s (0.014 Hz)"``; a time constant that is negative is that of a mode that grows."""
+    unit = "" if "damping" in key else " s" if key.endswith(("delay", "constant")) else " rad/s"
+    grows = f" (grows, doubled after {-value * math.log(2.0):.3g} s)" if key.endswith("time_constant") and value < -GROWING * std else ""
+    words = key.replace("_", " ").replace("dutch", "Dutch")
+    if not determined(value, std):
+        return f"{words} not determined"
+    return f"{words} {number_text(value, std)} +- {number_text(std, std)}{unit}{in_hertz(value, key, unit.strip())}{grows}"
+
+
+def test_line(tests: Sequence[ResidualTest]) -> str:
+    """What the residual tests say, in one line: which outputs fail, in which axis where there are several, and which axes are sound."""
+    failed = [test for test in tests if not test.passed]
+    if not failed:
+        return "residual: what the noise alone would give (" + "; ".join(f"{t.channel} p = {t.p_value:.2g}" for t in tests) + ")" if tests else ""
+    axes = dict.fromkeys(AXES[test.channel] for test in tests if test.channel in AXES)
+    if len(axes) < 2:
+        return "residual is not the noise alone: " + "; ".join(f"{test.channel}: {test.sentence}" for test in failed)
+    wrong = {axis: [test for test in failed if AXES.get(test.channel) == axis] for axis in axes}
+    told = [f"in {axis} ({', '.join(f'{test.channel} {test.sentence}' for test in some)})" for axis, some in wrong.items() if some]
+    told += [f"{test.channel}: {test.sentence}" for test in failed if test.channel not in AXES]
+    sound = [axis for axis, some in wrong.items() if not some]
+    return f"residual is not the noise alone: {'; '.join(told)}{f'; noise alone in {_listed(sound)}' if sound else ''}"
+
+
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)

@@ -1,4 +1,4 @@
-"""Tables, the one way in which every command prints them: at any width every number is whole, and nothing is left out.
+"""Tables and paragraphs that fit a terminal.
 
 Where a table is too wide, cells of words and then headings are folded; where that is not enough, the columns that are left over follow in
 further blocks, each begun by the columns that say which row it is.
@@ -7,15 +7,115 @@ further blocks, each begun by the columns that say which row it is.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-from scenarios.terminal.listening import Told, heard_of
-from scenarios.terminal.paragraphs import WIDTH, folded, print_lines, wrapped
+import shutil
+import sys
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+
+# ---- What a command prints
+
+ENDLESS = 1_000_000  # columns: nothing is folded, no table is parted
+
+
+@dataclass(frozen=True)
+class CapturedTable:
+    """A table that was printed: its title, and of each column the heading and the cells."""
+
+    title: str
+    columns: tuple[tuple[str, tuple[str, ...]], ...]
+
+
+@dataclass
+class Listener:
+    """Stands where a console does; ``heard`` are tables and sentences in their order."""
+
+    heard: list[CapturedTable | str] = field(default_factory=list)
+    width: int = ENDLESS
+    is_terminal: bool = False
+
+    def print(self, *said: Any, **_: Any) -> None:
+        """Keep a line; empty ones only separate."""
+        text = " ".join(str(each) for each in said).strip()
+        if text:
+            self.heard.append(text)
+
+
+def heard_of(out: object) -> list[CapturedTable | str] | None:
+    """Where a listener keeps what it hears; None of a console."""
+    return out.heard if isinstance(out, Listener) else None
+
+
+def listened(show: Callable[[Console], object]) -> Sequence[CapturedTable | str]:
+    """The tables and sentences that ``show`` prints."""
+    listener = Listener()
+    show(cast("Console", listener))
+    return listener.heard
+
+
+# ---- Paragraphs that fit a terminal
+
+WIDTH = 118  # columns where the output is no terminal, and the most that a wide one is used
+TEXT_WIDTH = 100  # of a paragraph; longer lines are hard to read
+_FIXED = "\N{NO-BREAK SPACE}"
+_JOINED = re.compile(  # blanks that hold a quantity together: before a sigma, a unit, behind a comparison
+    r" (?=(?:\+-|[<>=]) [\d.-])|(?<=\+-|[ (][<>=]) (?=[\d.-])|(?<=\d) (?=(?:deg|rad|s|ms|Hz|m|g|kg|N|Pa|%)(?![A-Za-z]))"
+)
+
+
+def terminal_width() -> int:
+    """Columns that a print may use."""
+    return min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns - 1) if sys.stdout.isatty() else WIDTH
+
+
+def folded(text: str, width: int, first: str = "", further: str = "") -> list[str]:
+    """A text on lines of ``width`` characters; what is longer than a line and cannot be folded stands on one of its own, whole."""
+    lines = textwrap.wrap(
+        _JOINED.sub(_FIXED, text), max(width, 1), initial_indent=first, subsequent_indent=further, break_on_hyphens=False, break_long_words=False
+    )
+    return [line.replace(_FIXED, " ") for line in lines] or [first]
+
+
+def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
+    """A paragraph folded at words; its further lines are moved in. Nothing where there is no text."""
+    return folded(text, width, indent, indent + "  ") if text else []
+
+
+def shortened(text: str, width: int, label: str = "") -> str:
+    """One line of ``width`` characters behind ``label``, with dots for what has no room: whole clauses if they fill most of it, else whole words."""
+    limit = max(width - len(label), 1)
+    clause = text.rfind("; ", 0, limit - 3)
+    if len(text) > limit and clause > 0.75 * limit:
+        return f"{label}{text[:clause]}; ..."
+    words = _JOINED.sub(_FIXED, text)
+    first = words.split(" ")[0]
+    if len(first) > limit:  # a path is no use without its end
+        return label + first.replace(_FIXED, " ")
+    lines = textwrap.wrap(words, limit, break_on_hyphens=False, break_long_words=False, max_lines=1, placeholder=" ...")
+    return label + (lines[0] if lines else "").replace(_FIXED, " ")
+
+
+def print_lines(out: Console, lines: Sequence[str]) -> None:
+    """Print lines as they stand."""
+    for line in lines:
+        out.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def print_paragraph(out: Console, text: str, indent: int = 2) -> None:
+    """Print a text folded at words, within the console and ``TEXT_WIDTH``, moved in by ``indent`` columns."""
+    if (heard := heard_of(out)) is not None:
+        heard.append(text)
+        return
+    margin = " " * indent
+    print_lines(out, folded(text, min(out.width - 1, TEXT_WIDTH), margin, margin))
+
+
+# ---- Tables
 
 INDENT = "  "
 GAP = "  "  # between columns
@@ -24,7 +124,7 @@ _PARTS = re.compile(r"(?<=[A-Za-z][:-])(?=[A-Za-z])")  # where a long name may b
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """A heading and its cells, all of the same length within a table.
 
     Numbers stand at the right. ``left``: words, which stand at the left and may be folded. ``beside``: in the same block as the column before
@@ -37,12 +137,12 @@ class Column:
     beside: bool = False
 
 
-def columns_of(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, words: Sequence[str] = ()) -> list[Column]:
+def columns_of(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, words: Sequence[str] = ()) -> list[TableColumn]:
     """Columns of a table that is given by rows: the first ``left`` and those headed by ``words`` stand at the left."""
-    return [Column(head, [row[i] for row in rows], left=i < left or head in words) for i, head in enumerate(headings)]
+    return [TableColumn(head, [row[i] for row in rows], left=i < left or head in words) for i, head in enumerate(headings)]
 
 
-def table_lines(columns: Sequence[Column], *, title: str = "", width: int = WIDTH, keys: int = 1) -> list[str]:
+def table_lines(columns: Sequence[TableColumn], *, title: str = "", width: int = WIDTH, keys: int = 1) -> list[str]:
     """A table as lines no longer than ``width`` characters if that can be; nothing where there is no row.
 
     ``keys``: how many of the first columns begin every block.
@@ -55,11 +155,11 @@ def table_lines(columns: Sequence[Column], *, title: str = "", width: int = WIDT
     return lines
 
 
-def print_table(out: Console, title: str, columns: Sequence[Column], keys: int = 1) -> None:
+def print_table(out: Console, title: str, columns: Sequence[TableColumn], keys: int = 1) -> None:
     """Print a table on a console, as wide as that is, its title bold."""
     if (heard := heard_of(out)) is not None:
         if columns and columns[0].cells:
-            heard.append(Told(title, tuple((column.heading, tuple(column.cells)) for column in columns)))
+            heard.append(CapturedTable(title, tuple((column.heading, tuple(column.cells)) for column in columns)))
         return
     lines = table_lines(columns, width=out.width, keys=keys)
     for line in wrapped(title, out.width) if title and lines else ():
@@ -67,9 +167,9 @@ def print_table(out: Console, title: str, columns: Sequence[Column], keys: int =
     print_lines(out, lines)
 
 
-def _blocks(columns: Sequence[Column], width: int, keys: int) -> list[list[Column]]:
+def _blocks(columns: Sequence[TableColumn], width: int, keys: int) -> list[list[TableColumn]]:
     """Columns of each block: as many as fit when they are folded as far as they may be."""
-    first, groups = list(columns[:keys]), list[list[Column]]()
+    first, groups = list(columns[:keys]), list[list[TableColumn]]()
     for column in columns[keys:]:
         if column.beside and groups:
             groups[-1].append(column)
@@ -83,7 +183,7 @@ def _blocks(columns: Sequence[Column], width: int, keys: int) -> list[list[Colum
     return blocks
 
 
-def _block(columns: Sequence[Column], width: int) -> list[str]:
+def _block(columns: Sequence[TableColumn], width: int) -> list[str]:
     sizes = _sizes(columns, width)
     heads = [folded(column.heading, size) for column, size in zip(columns, sizes, strict=True)]
     deepest = max(map(len, heads))
@@ -95,13 +195,13 @@ def _block(columns: Sequence[Column], width: int) -> list[str]:
     return lines
 
 
-def _line(columns: Sequence[Column], sizes: Sequence[int], parts: Sequence[Sequence[str]], k: int) -> str:
+def _line(columns: Sequence[TableColumn], sizes: Sequence[int], parts: Sequence[Sequence[str]], k: int) -> str:
     shown = [part[k] if k < len(part) else "" for part in parts]
     placed = zip(columns, shown, sizes, strict=True)
     return (INDENT + GAP.join(text.ljust(size) if column.left else text.rjust(size) for column, text, size in placed)).rstrip()
 
 
-def _sizes(columns: Sequence[Column], width: int) -> list[int]:
+def _sizes(columns: Sequence[TableColumn], width: int) -> list[int]:
     """Widths with which the columns fit: words folded first, then headings, the widest first, none below its least."""
     sizes = [max(len(text) for text in (column.heading, *column.cells)) for column in columns]
     least = [_least(column) for column in columns]
@@ -121,7 +221,7 @@ def _total(sizes: Sequence[int]) -> int:
     return len(INDENT) + sum(sizes) + len(GAP) * (len(sizes) - 1)
 
 
-def _least(column: Column) -> int:
+def _least(column: TableColumn) -> int:
     """The narrowest that a column can be: no word of its heading is parted, no number, and of words only what is longer than ``LEAST``."""
     heading = _widest_word(column.heading)
     if not column.left:

@@ -8,11 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.documents import read_json
-from scenarios.files.sources import resolved
+from scenarios.files.sources import read_json, resolved
 from scenarios.files.vehicles import VehicleFile, read_vehicle
-from scenarios.identification.low_order import DERIVED
-from scenarios.identification.low_order_filter import PAPER_START
+from scenarios.identification.low_order import DERIVED, PAPER_START
 from sim.closed_loop.airframe import load_x29
 from sim.errors import DeclarationError
 from sim.vehicles.factory import LOES_CONSTANTS

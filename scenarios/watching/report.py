@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from scenarios.pages.model import BY_ROW, Block, Column, Page, Table, section
-from scenarios.pages.numbers import PURE, Cell, Number, estimate
-from scenarios.pages.reproduction import now, reproduction
+from scenarios.pages.model import BY_ROW, PURE, Block, Cell, Column, Number, Page, Table, as_sentence, capital, estimate, now, reproduction, section
 from scenarios.pages.tables import derived_table, estimates_table, fixed_table
-from scenarios.pages.wording import capital, sentence
 from scenarios.studies.rows import Row
 
 
@@ -25,8 +22,8 @@ def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
         kind=f"Watch of {name}, low-order equivalent system, {refined}",
         verdict="outside the reference" if outside else content["outcome_sentence"].partition(":")[0].partition(",")[0],
         tone="fair" if outside else "good" if content["outcome"] == "converged" else "open",
-        sentence=sentence(words) if reference else sentence(told),
-        summary=(sentence(told),) if reference else (),
+        sentence=as_sentence(words) if reference else as_sentence(told),
+        summary=(as_sentence(told),) if reference else (),
         warnings=tuple(content.get("warnings", ())),
         sections=(
             *section("What was found", *_found(content)),
@@ -37,7 +34,7 @@ def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
             *section("How it was made", fixed_table("What was held", {key: (each["value"], each["unit"]) for key, each in content["fixed"].items()})),
         ),
         reproduction=reproduction(
-            ["flightid", "watch", name, "--model", "loes"], sentence(f"the stream ended: {stream['ended']}"), [("rows", name, digest)]
+            ["flightid", "watch", name, "--model", "loes"], as_sentence(f"the stream ended: {stream['ended']}"), [("rows", name, digest)]
         ),
         created=now(),
     )

@@ -14,13 +14,12 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.formats.cells import LARGEST, MISSING, Table, header_cell
+from scenarios.files.formats.cells import LARGEST, MISSING, CellTable, header_cell
 from scenarios.files.formats.layout import is_number
-from scenarios.files.measured.columns import Column, column_place, find_column, missing_column
+from scenarios.files.measured.columns import Sidecar, SourceColumn, column_place, find_column, missing_column, refuse_unknown_units
 from scenarios.files.measured.derived import source_columns, with_derived
 from scenarios.files.measured.expressions import is_plain_name
 from scenarios.files.measured.record_file import RecordFile
-from scenarios.files.measured.sidecar import Sidecar, refuse_unknown_units
 from scenarios.files.sources import InputFile
 from scenarios.files.units import to_si
 from sim.errors import RecordError
@@ -64,7 +63,7 @@ class Header:
         channels.
     """
 
-    columns: tuple[Column | None, ...]
+    columns: tuple[SourceColumn | None, ...]
     width: int
     name: str
     rate: float | None = None
@@ -212,10 +211,10 @@ def _refuse_other_rows(choices: Mapping[str, ColumnChoice], name: str) -> None:
             raise RecordError("the clock of a stream is one column", where=where, remedy='write time = {column = "HEADER", unit = "ms"}')
 
 
-def _table(name: str, cells: Sequence[str], columns: Mapping[int, np.ndarray], rows: int) -> Table:
+def _table(name: str, cells: Sequence[str], columns: Mapping[int, np.ndarray], rows: int) -> CellTable:
     """Rows of a stream as a table, NaN where a column is not read."""
     blank = np.full(rows, np.nan)
-    return Table(name, tuple(cells), tuple(columns.get(index, blank) for index in range(len(cells))), np.arange(1, rows + 1))
+    return CellTable(name, tuple(cells), tuple(columns.get(index, blank) for index in range(len(cells))), np.arange(1, rows + 1))
 
 
 def read_lines(header: Header, lines: Sequence[bytes], first: int) -> tuple[np.ndarray, list[int], list[Fault]]:

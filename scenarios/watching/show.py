@@ -38,7 +38,7 @@ class Show:
     def __init__(self, watch: Watch) -> None:
         from rich.live import Live
 
-        from scenarios.terminal.numbers import console
+        from scenarios.terminal.quantities import console
 
         self._watch, self._said, self._drawn = watch, -np.inf, 0.0
         terminal = console()
@@ -74,7 +74,7 @@ def display(watch: Watch) -> Iterator[Show]:
 
 def print_end(watch: Watch, session: Session, end: Outcome) -> None:
     """The last table, why the stream ended, and what lies outside the reference's bounds."""
-    from scenarios.terminal.numbers import console
+    from scenarios.terminal.quantities import console
 
     terminal = console()
     view = replace(view_of(watch, session), standings=end.standings, weights=end.weights, silent=0.0, refined=end.refined)

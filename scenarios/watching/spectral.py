@@ -21,10 +21,10 @@ from ident.frequency_domain.online import (
     online_equations,
 )
 from ident.frequency_domain.online_lag import LagStream, estimated, lag_stream, taken
-from scenarios.files.own_models import channel_units, moves_about_rest
+from scenarios.files.user_models import channel_units, moves_about_rest
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import derived_of
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.declared_model import model_of_file
 from scenarios.studies.comparison import estimate_content
 from scenarios.studies.rows import Row
 from scenarios.watching.rows import LOES, StreamSignals

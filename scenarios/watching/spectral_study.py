@@ -8,18 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from ident.estimate import Estimate
-from scenarios.files.folders import study_folder
-from scenarios.files.versions import versions
-from scenarios.files.writing import write_json, write_record
+from scenarios.files.sources import versions
+from scenarios.files.writing import study_folder, write_json, write_record
 from scenarios.pages.folder import write_page
-from scenarios.pages.model import Block, Page, section
-from scenarios.pages.reproduction import now, reproduction
+from scenarios.pages.model import Block, Page, as_sentence, capital, now, reproduction, section
 from scenarios.pages.tables import derived_table, estimates_table, fixed_table
-from scenarios.pages.wording import capital, sentence
 from scenarios.studies.comparison import SCHEMA
 from scenarios.studies.rows import Row
-from scenarios.terminal.numbers import console, number
-from scenarios.terminal.tables import Column, print_table
+from scenarios.terminal.quantities import console, number_text
+from scenarios.terminal.tables import TableColumn, print_table
 from scenarios.watching.history import NAME
 from scenarios.watching.reference import Reference
 from scenarios.watching.spectral import (
@@ -44,7 +41,7 @@ SHOWN = 4  # parameters in a line, the best known ones
 def line(session: SpectralSession, point: Point, left_out: int) -> str:
     """A second of the stream in one line."""
     rows = estimate_of(point, session)[:SHOWN]
-    told = [f"{each['name']} {number(each['value'], each['std'])} +- {number(each['std'], each['std'])}" for each in rows]
+    told = [f"{each['name']} {number_text(each['value'], each['std'])} +- {number_text(each['std'], each['std'])}" for each in rows]
     lost = f", {left_out} line{'s' * (left_out != 1)} left out" if left_out else ""
     return f"{session.name}, {point.time:.2f} s{lost}: {', '.join(told) or UNKNOWN}"
 
@@ -60,15 +57,15 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
     items = items_of(session, found, watch.reference)
     out.print(f"{watch.reason}; equation error in the frequency domain over {session.rows} rows:", highlight=False)
     columns = [
-        Column("quantity", [item.name.replace("_", " ") if item.name == item.name.lower() else item.name for item in items], left=True),
-        Column("unit", [item.unit for item in items], left=True),
-        Column("estimate", [number(item.value, item.std) for item in items]),
-        Column("+- sigma", [number(item.std, item.std) for item in items]),
+        TableColumn("quantity", [item.name.replace("_", " ") if item.name == item.name.lower() else item.name for item in items], left=True),
+        TableColumn("unit", [item.unit for item in items], left=True),
+        TableColumn("estimate", [number_text(item.value, item.std) for item in items]),
+        TableColumn("+- sigma", [number_text(item.std, item.std) for item in items]),
     ]
     if any(item.reference is not None for item in items):
         columns += [
-            Column("reference", [number(*item.reference) if item.reference else "" for item in items]),
-            Column("off, sigmas", ["-" if item.z is None else f"{item.z:+.1f}" for item in items]),
+            TableColumn("reference", [number_text(*item.reference) if item.reference else "" for item in items]),
+            TableColumn("off, sigmas", ["-" if item.z is None else f"{item.z:+.1f}" for item in items]),
         ]
     print_table(out, "", columns)
     if unknown := undetermined(session):
@@ -89,7 +86,7 @@ def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
         if name in bank.names:
             # Of two estimates from the same data the larger deviation is the measure.
             off = (value - bank.value(name)) / max(std, bank.sigma(name), 1e-300)
-            parts.append(f"{name} {number(value, std)} +- {number(std, std)} ({off:+.1f})")
+            parts.append(f"{name} {number_text(value, std)} +- {number_text(std, std)} ({off:+.1f})")
     return [f"in the frequency domain (difference from these, in the larger sigma): {', '.join(parts)}"]
 
 
@@ -132,16 +129,16 @@ def spectral_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
         kind=f"Watch of {name}, {content['model']}, equation error in the frequency domain",
         verdict=verdict,
         tone="fair" if outside else "good" if content["parameters"] else "open",
-        sentence=sentence(told),
+        sentence=as_sentence(told),
         summary=(),
-        warnings=tuple(map(sentence, content.get("warnings", ()))),
+        warnings=tuple(map(as_sentence, content.get("warnings", ()))),
         sections=(
             *section("What was found", *found_blocks(content)),
             *section("How it was made", fixed_table("What was held", fixed)),
         ),
         reproduction=reproduction(
             ["flightid", "watch", name, "--model", content["model"]],
-            sentence(f"the stream ended: {stream['ended']}"),
+            as_sentence(f"the stream ended: {stream['ended']}"),
             [("rows", name, digest)],
         ),
         created=now(),

@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.folders import study_folder
-from scenarios.files.sources import resolved
-from scenarios.files.versions import versions
-from scenarios.files.writing import write_json, write_record
-from scenarios.identification.result import Identification
+from scenarios.files.sources import resolved, versions
+from scenarios.files.writing import study_folder, write_json, write_record
+from scenarios.identification.assessment import IdentificationResult
 from scenarios.pages.folder import CONTENT, write_page
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
 from scenarios.studies.rows import Row
@@ -39,7 +37,7 @@ class Outcome:
     estimate on line, ``delays`` those of its bank (s); ``standings`` of what counts."""
 
     record: Record
-    found: Identification | None
+    found: IdentificationResult | None
     online: SoFar
     delays: np.ndarray
     standings: tuple[CrossValidation, ...]

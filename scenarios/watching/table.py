@@ -15,7 +15,7 @@ from rich.text import Text
 from ident.estimate import Estimate
 from ident.statistics.residuals import BEYOND
 from scenarios.studies.comparison import DERIVED_UNITS
-from scenarios.terminal.numbers import number
+from scenarios.terminal.quantities import number_text
 from scenarios.watching.reference import Reference
 
 HANGING = "hangs on start"
@@ -87,11 +87,11 @@ def live_table(view: View) -> Group:
         table.add_column(heading, justify="left" if heading in ("quantity", "unit", "") else "right", no_wrap=True)
     for item in view.standings:
         cells = [WORDS.get(item.name, item.name), item.unit]
-        cells += ["-", "-"] if item.hanging else [number(item.value, item.std), number(item.std, item.std)]
+        cells += ["-", "-"] if item.hanging else [number_text(item.value, item.std), number_text(item.std, item.std)]
         if item.reference is not None:
             value, std = item.reference
             z = item.z
-            cells += [number(value, std), number(std, std), "-" if z is None else f"{z:+.1f}"]
+            cells += [number_text(value, std), number_text(std, std), "-" if z is None else f"{z:+.1f}"]
         elif compared:
             cells += [""] * 3
         if compared or hanging:
@@ -107,7 +107,7 @@ def line(view: View) -> str:
     for name, word in WORDS.items():
         if name in by_name:
             item = by_name[name]
-            told = f"{number(item.value, item.std)} +- {number(item.std, item.std)} {item.unit}".removesuffix(" 1")
+            told = f"{number_text(item.value, item.std)} +- {number_text(item.std, item.std)} {item.unit}".removesuffix(" 1")
             shown.append(f"{word} {HANGING if item.hanging else told}")
     best = int(np.argmax(view.weights))
     shown.append(f"most likely {view.delays[best]:g} s (weight {view.weights[best]:.2f})")

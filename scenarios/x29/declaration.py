@@ -1,12 +1,34 @@
-"""What a scenario of the closed loop declares: how it is flown, how the low-order filter is set up, what stands beside the result."""
+"""Declaration of a closed-loop scenario, published low-order equivalents, and its flight to a record.
+
+Estimates are only shown beside ours, never used to form them; start, P0 and R are what a scenario may run with as the paper did.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import math
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.resources import files
 from types import MappingProxyType
+from typing import Any
+
+import numpy as np
 
 from scenarios.studies.declaration import Choice
+from scenarios.studies.schema import standard_deviations
+from sim.closed_loop.airframe import X29, load_x29
+from sim.closed_loop.linear import EquivalentSystem, equivalent_system
+from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, SmoothStick, doublet, fly_closed_loop, hand_flown, three_two_one_one
+from sim.declaration.model import Model, Noise
+from sim.errors import DeclarationError
+from sim.maneuvers import MultiStep
+from sim.record import Channel, Record
+from sim.truth.flight import fly
+from sim.vehicles.factory import model_from_constants
+
+# ---- What a scenario of the closed loop declares
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 # Ways to estimate one record that a scenario may have beside its own: what each is called in a table.
@@ -168,3 +190,181 @@ class LoopScenario:
     seed: int = 1
     choices: tuple[Choice, ...] = ()
     seeds: int = 0
+
+
+# ---- What NASA TM-101722 prints of its low-order equivalents
+
+FILE = "short_period_dynamics.toml"
+TURNED = ("delta", "L_delta", "M_delta", "delta_0")  # the paper's pseudo-control is minus ours
+
+
+@dataclass(frozen=True)
+class Printed:
+    """A printed value and the standard deviation from its printed variance, None where none is printed."""
+
+    value: float
+    std: float | None
+
+
+@dataclass(frozen=True)
+class Range:
+    """What the text tells of the flight: between which values the EKF had it, and what the frequency response gave."""
+
+    low: float
+    high: float
+    frequency_response: float
+
+
+def printed_columns() -> tuple[str, ...]:
+    """Names of the columns of the paper's tables."""
+    return tuple(_document()["loes"])
+
+
+def printed_column(name: str) -> dict[str, Printed]:
+    """A column of the paper's tables: final estimates, SI. Raises DeclarationError when there is none."""
+    return _column("loes", name)
+
+
+def printed_start(name: str) -> dict[str, Printed]:
+    """Initial state estimate and P0 of Table 1 (``simulation``) or 2 (``flight``), SI. Raises DeclarationError when there is none."""
+    return _column("initial", name)
+
+
+def printed_noise(name: str) -> dict[str, float]:
+    """R of Table 1 or 2 as standard deviations, rad, rad/s and g. Raises DeclarationError when there is none."""
+    rows = _table("measurement_noise", name)
+    return standard_deviations({}, {key: f"{row['value']} {row['unit']}" for key, row in rows.items()}, f"published {FILE}")
+
+
+def printed_density(name: str) -> dict[str, float]:
+    """Q of Table 1 or 2 as it stands there. Raises DeclarationError when there is none."""
+    return {key: float(row["value"]) for key, row in _table("process_noise", name).items()}
+
+
+def printed_checks(name: str) -> dict[str, Range]:
+    """Delay (s) and damping ratio that the text tells of a column, empty where it tells nothing."""
+    return {key: Range(**row) for key, row in _document()["checks"].get(name, {}).items()}
+
+
+def printed_correlation(name: str) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names and correlation matrix ``(13, 13)`` of Table 1 or 2. Raises DeclarationError when there is none."""
+    rows = _table("correlation", name)
+    names = ("alpha", *rows)
+    C = np.eye(len(names))
+    for i, row in enumerate(rows.values(), start=1):
+        C[i, :i] = C[:i, i] = row
+    signs = np.array([-1.0 if each in TURNED else 1.0 for each in names])
+    return names, C * np.outer(signs, signs)
+
+
+def has_table(name: str) -> bool:
+    """Whether a column is one of the two with start, P0, R, Q and correlations."""
+    return name in _document()["initial"]
+
+
+@cache
+def _document() -> Mapping[str, Any]:
+    return tomllib.loads(files("scenarios.studies.published").joinpath(FILE).read_text(encoding="utf-8"))
+
+
+def _table(kind: str, name: str) -> Mapping[str, Any]:
+    tables = _document()[kind]
+    if name not in tables:
+        raise DeclarationError(f"there is no column {name!r}", where=f"published {FILE}", remedy=f"use one of {', '.join(tables)}")
+    found: Mapping[str, Any] = tables[name]
+    return found
+
+
+def _column(kind: str, name: str) -> dict[str, Printed]:
+    return {key: Printed(float(e["value"]), math.sqrt(e["variance"]) if "variance" in e else None) for key, e in _table(kind, name).items()}
+
+
+# ---- From a closed-loop scenario's flight to its record
+
+NO_LIMIT = 1e6  # deg/s, a rate that no ram reaches
+
+
+@dataclass(frozen=True, eq=False)
+class FlownLoop:
+    """A flight: the aircraft as it flew, its telemetry, and what really happened (None where a low-order truth was flown)."""
+
+    x29: X29
+    record: Record
+    truth: ClosedLoopTruth | None
+
+
+def aircraft(flight: LoopFlight) -> X29:
+    """The aircraft of a flight with the scenario's stick, limits and telemetry noise."""
+    x29 = load_x29(flight.airframe)
+    stick = x29.stick
+    stick = stick if flight.dead_band is None else replace(stick, dead_band=flight.dead_band)
+    stick = stick if flight.curvature is None else replace(stick, curvature=flight.curvature)
+    if not flight.rate_limits:
+        canard, flaperon, strake = (replace(surface, rate=NO_LIMIT) for surface in x29.surfaces)
+        x29 = replace(x29, surfaces=(canard, flaperon, strake))
+    t, noise = x29.telemetry, flight.noise_std
+    std = (noise.get("alpha", t.alpha_noise), noise.get("q", t.q_noise), noise.get("nz", t.nz_noise))
+    telemetry = replace(t, alpha_noise=std[0], q_noise=std[1], nz_noise=std[2])
+    return replace(x29, stick=stick, telemetry=telemetry)
+
+
+def stick_of(plan: StickPlan, duration: float) -> Callable[[np.ndarray], np.ndarray]:
+    """The stick as a function of time."""
+    if plan.kind == "3-2-1-1":
+        return three_two_one_one(plan.amplitude, plan.unit, plan.start)
+    if plan.kind == "doublet":
+        return doublet(plan.amplitude, plan.unit, plan.start)
+    if plan.kind == "levels":
+        return SmoothStick(plan.times, tuple(plan.amplitude * level for level in plan.levels), plan.bandwidth)
+    return hand_flown(np.random.default_rng(plan.pilot_seed), duration, plan.amplitude, plan.bandwidth, plan.start)
+
+
+def fly_loop(flight: LoopFlight, seed: int) -> FlownLoop:
+    """Fly and record; the same seed gives the same bytes.
+
+    Raises
+    ------
+    DeclarationError : the aircraft departs.
+    """
+    x29, rng = aircraft(flight), np.random.default_rng(seed)
+    noise = rng if flight.noise else None
+    record, truth = fly_closed_loop(x29, stick_of(flight.stick, flight.duration), flight.duration, noise)
+    if truth.outcome is FlightOutcome.DEPARTED:
+        raise DeclarationError(f"the aircraft departs at {truth.time[-1]:.3g} s", where="key flight", remedy="ask less of the stick")
+    if flight.low_order:
+        record = _low_order_record(x29, record, flight, np.random.default_rng(seed))
+    if flight.spike is not None:
+        channel = record["stick"]
+        values = channel.values.copy()
+        values[int(np.argmin(np.abs(record.time - flight.spike.time)))] = flight.spike.size
+        record = replace(record, inputs=(Channel.of("stick", channel.unit, values),))
+    return FlownLoop(x29, record, None if flight.low_order else truth)
+
+
+def low_order_model(x29: X29, values: dict[str, float]) -> Model:
+    """The low-order equivalent system at the aircraft's flight condition; ``values`` by the names of a vehicle file."""
+    constants = {"airspeed": x29.airframe.airspeed, "gravity": x29.airframe.gravity, "vane_arm": x29.telemetry.vane_arm}
+    return model_from_constants("loes", constants, values)
+
+
+def equivalent_values(found: EquivalentSystem) -> dict[str, float]:
+    """The eight numbers of an equivalent system by the names of a vehicle file."""
+    names = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
+    return {name: float(getattr(found, name)) for name in names}
+
+
+def _low_order_record(x29: X29, record: Record, flight: LoopFlight, rng: np.random.Generator) -> Record:
+    """The same stick flown by the loop's own low-order equivalent, its record's stick held."""
+    t = x29.telemetry
+    std = {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise} if flight.noise else {}
+    model = low_order_model(x29, equivalent_values(equivalent_system(x29)))
+    model = model.with_noise(Noise(std, {"q": flight.gust} if flight.gust else {})).with_values({"nz_0": 1.0})
+    flown, _ = fly(model, {"stick": _as_recorded(record)}, record.time, rng, step=0.005, name=record.name)
+    return replace(flown, inputs=record.inputs)
+
+
+def _as_recorded(record: Record) -> MultiStep:
+    """The recorded stick, held between its samples."""
+    values = record["stick"].values
+    at = np.flatnonzero(np.diff(values, prepend=values[0] + 1.0))
+    return MultiStep(tuple(values[at].tolist()), (*record.time[at].tolist(), float("inf")))

@@ -1,24 +1,36 @@
-"""The low-order filter of a closed-loop scenario: set up by the paper's rules, run as a bank of delays, refined, flown freely."""
+"""The low-order filter of a closed-loop scenario, other methods and starts, and its misfit."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ident.banks.bank import BankEstimate
-from ident.banks.delays import BATCHED, DELAYS, ENGINES, BankEngine, DelayBank, likelihood_weights, run_delay_bank
+from ident.banks.bank import BankEstimate, run_bank, run_iterated_bank
+from ident.banks.delays import BATCHED, DELAYS, ENGINES, BankEngine, DelayBank, likelihood_weights, run_delay_bank, vertex
 from ident.estimate import Estimate, Outcome
 from ident.filters.smoother import smooth
 from ident.statistics.noise_levels import noise_envelope
-from scenarios.identification.low_order_filter import ENGINEERING_STD, loes_filter_system
-from scenarios.x29.declaration import LoopEstimation
-from scenarios.x29.flying import Flown, low_order_model
-from scenarios.x29.published import printed_start
+from ident.statistics.residuals import ljung_box
+from scenarios.identification.low_order import ENGINEERING_STD, loes_filter_system
+from scenarios.x29.declaration import (
+    METHODS,
+    FlownLoop,
+    LoopEstimation,
+    LoopScenario,
+    Variant,
+    fly_loop,
+    low_order_model,
+    printed_density,
+    printed_start,
+)
 from sim.declaration.model import System
 from sim.propagation import drive_from_record, make_grid, simulate
 from sim.record import Record
+
+# ---- The low-order filter of a closed-loop scenario
 
 SETTLED = 0.1  # sigmas: a restart that moves nothing further has settled
 ROUGH_DELAYS = tuple(0.0875 + 0.0125 * i for i in range(7))  # s, for variants
@@ -50,7 +62,7 @@ class Plain:
 
 
 def set_up(
-    estimation: LoopEstimation, flown: Flown, start: Mapping[str, float], initial: Mapping[str, float] | None = None, prior: str = ""
+    estimation: LoopEstimation, flown: FlownLoop, start: Mapping[str, float], initial: Mapping[str, float] | None = None, prior: str = ""
 ) -> SetUp:
     """The fourteen-state filter for a flight's record. ``start`` : by the names of a vehicle file; ``initial`` : further starts of
     constants; ``prior`` : another rule for P0 than the estimation's."""
@@ -107,7 +119,7 @@ def plain(setting: SetUp) -> Plain:
     return Plain(bank, delays, weights, DELAYS[best], float(weights @ delays), estimate)
 
 
-def started_again(estimation: LoopEstimation, flown: Flown, found: Estimate) -> SetUp:
+def started_again(estimation: LoopEstimation, flown: FlownLoop, found: Estimate) -> SetUp:
     """The filter for the same flight started at a result, with the same rule for P0."""
     values = found.as_dict()
     constants = {name: values[name] for name in ("L_0", "M_0", "delta_0")}
@@ -136,3 +148,280 @@ def free_simulation(setting: SetUp, estimate: Estimate, delay: float) -> np.ndar
 
 def _at(system: System, delay: float) -> System:
     return replace(system, parameters=system.parameters.with_values({"delay": delay}))
+
+
+# ---- What a study of the low-order filter measures of its own misfit
+
+LARGE = 0.9  # size of a correlation that is worth a mark
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Of a free simulation and of the filter that it came from.
+
+    Attributes
+    ----------
+    rms : measured minus simulated over the noise's sigma, by output.
+    stretch, elsewhere : rms of q (over sigma) inside the scenario's stretch and outside; zero where it has none.
+    peak_measured, peak_simulated : q at the largest |q| of the scenario's peak interval, rad/s; zero where it has none.
+    lag_one : lag-one correlation of the normalised q innovations. q_box : Ljung-Box statistic over 25 lags.
+    low_share : share of the q innovations' power below a fifth of the Nyquist frequency; white noise has a fifth.
+    ratio : root mean square of all normalised innovations.
+    """
+
+    rms: dict[str, float]
+    stretch: float
+    elsewhere: float
+    peak_measured: float
+    peak_simulated: float
+    lag_one: float
+    q_box: float
+    low_share: float
+    ratio: float
+
+    @property
+    def peak_percent(self) -> float:
+        """How much of the final peak the free simulation lacks (negative) or exaggerates, percent of the measured one."""
+        return 100.0 * (abs(self.peak_simulated) / abs(self.peak_measured) - 1.0) if self.peak_measured else 0.0
+
+
+def sensor_noise(flown: FlownLoop) -> np.ndarray:
+    """The telemetry's sigma of alpha, q and nz."""
+    t = flown.x29.telemetry
+    return np.array([t.alpha_noise, t.q_noise, t.nz_noise])
+
+
+def misfit(
+    record: Record,
+    simulated: np.ndarray,
+    estimate: Estimate,
+    noise_std: np.ndarray,
+    stretch: tuple[float, float] | None,
+    peak: tuple[float, float] | None,
+) -> Misfit:
+    """Measure a free simulation ``(3, N)`` and the innovations of its estimate; ``noise_std`` ``(3,)`` is what the misfit is held against."""
+    names = estimate.output_names
+    z, valid = record.output_array(names)
+    error = np.where(valid, z - simulated, 0.0) / noise_std[:, None]
+    row = names.index("q")
+    inside = np.zeros(len(record), dtype=bool) if stretch is None else (record.time >= stretch[0]) & (record.time <= stretch[1])
+    measured = simulated_peak = 0.0
+    if peak is not None:
+        within = np.flatnonzero((record.time >= peak[0]) & (record.time <= peak[1]))
+        if within.size:
+            at = within[int(np.argmax(np.abs(z[row, within])))]
+            # Over five samples, so that the noise of one does not decide.
+            near = slice(max(at - 2, 0), at + 3)
+            measured, simulated_peak = float(z[row, near].mean()), float(simulated[row, near].mean())
+    history = estimate.history
+    assert history is not None
+    series = (history.innovation[row] / history.innovation_std[row])[history.valid[row]]
+    centred = series - series.mean()
+    power = np.abs(np.fft.rfft(centred)) ** 2
+    nis = float(history.nis.sum()) / max(int(history.degrees.sum()), 1)
+    return Misfit(
+        {name: float(np.sqrt(np.mean(line**2))) for name, line in zip(names, error, strict=True)},
+        float(np.sqrt(np.mean(error[row, inside] ** 2))) if inside.any() else 0.0,
+        float(np.sqrt(np.mean(error[row, ~inside] ** 2))) if inside.any() else 0.0,
+        measured,
+        simulated_peak,
+        float(centred[1:] @ centred[:-1] / (centred @ centred)),
+        ljung_box(series, np.ones(len(series), dtype=bool), "q").statistic,
+        float(power[1 : max(2, len(power) // 5)].sum() / power[1:].sum()),
+        float(np.sqrt(nis)),
+    )
+
+
+# ---- The same record estimated in other ways than the scenario's own
+
+PASSES = 5  # of plain filters that start again from their own result
+
+
+@dataclass(frozen=True, eq=False)
+class LoopMethodResult:
+    """What one method found: delay (s), values and sigmas by name of the parameters, its log-likelihood."""
+
+    name: str
+    label: str
+    delay: float
+    values: Mapping[str, float]
+    std: Mapping[str, float]
+    log_likelihood: float
+
+    @property
+    def frequency(self) -> float:
+        """Undamped natural frequency of its short period, rad/s; NaN where that does not oscillate."""
+        v = self.values
+        stiffness = v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"]
+        return float(np.sqrt(stiffness)) if stiffness > 0 else float("nan")
+
+    @property
+    def damping(self) -> float:
+        """Its damping ratio."""
+        return -(self.values["L_alpha"] + self.values["M_q"]) / (2.0 * self.frequency)
+
+
+@dataclass(frozen=True, eq=False)
+class Restarts:
+    """Plain filters with the printed P0 held at some delays (s), each started again from its own result.
+
+    ``values`` : by parameter, ``(passes, delays)``.
+    """
+
+    delays: tuple[float, ...]
+    values: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """What the methods work on: the paper's set-up and its plain bank, ours and its refined bank, and the same record set up anew."""
+
+    paper: SetUp
+    plain: Plain
+    estimation: LoopEstimation
+    refined: DelayBank
+    again: Callable[[LoopEstimation], SetUp]
+
+
+def run_methods(names: Sequence[str], ways: Ways) -> tuple[LoopMethodResult, ...]:
+    """Each named method on the record; ``names`` are keys of ``METHODS``."""
+    return tuple(_RUN[name](name, ways) for name in names)
+
+
+def other_side(found: Plain, refined_delay: float) -> int:
+    """Which filter of the plain bank has the grid's delay on the other side of the refined one than its most likely filter."""
+    best = int(np.argmax(found.bank.log_likelihood))
+    step = 1 if found.delays[best] < refined_delay else -1
+    return min(max(best + step, 0), len(found.delays) - 1)
+
+
+def all_restarts(ways: Ways, delays: Sequence[float]) -> dict[str, Restarts]:
+    """Plain restarts at some delays (s), with P0 and R as printed and with each of them another."""
+    louder = _set_up(ways, prior="printed", noise_share=2.0 * ways.estimation.noise_share)
+    settings = {"R and P0 as printed": ways.paper, "P0 a quarter of the start": _set_up(ways, prior="quarter"), "R four times as large": louder}
+    return {label: plain_restarts(setting, delays) for label, setting in settings.items()}
+
+
+def plain_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES) -> Restarts:
+    """Plain filters at held delays, ``passes`` times each from its last parameters with the same P0."""
+    system, start = setting.system, None
+    n_x, rows, names = len(system.states), [], system.parameters.free_names
+    for _ in range(passes):
+        bank = run_bank(setting.record, system, held={"delay": np.array(delays)}, start=start)
+        rows.append(bank.mean[n_x:])
+        first = np.array([system.initial[name].value for name in system.state_names])
+        start = np.concatenate([np.repeat(first[:, None], len(delays), axis=1), bank.mean[n_x:]])
+    stacked = np.array(rows)
+    return Restarts(tuple(delays), {name: stacked[:, i] for i, name in enumerate(names)})
+
+
+def between_grid_points(found: Plain) -> float:
+    """Vertex of the parabola through the plain bank's largest log-likelihood and its neighbours, s."""
+    L, best = found.bank.log_likelihood, int(np.argmax(found.bank.log_likelihood))
+    near = slice(min(max(best - 1, 0), len(L) - 3), min(max(best + 2, 3), len(L)))
+    return vertex(found.delays[near], L[near])[0]
+
+
+def _of_bank(name: str, found: Plain, at: int) -> LoopMethodResult:
+    bank = found.bank
+    rows = range(len(bank.names) - len(found.estimate.names), len(bank.names))
+    values = {bank.names[i]: float(bank.mean[i, at]) for i in rows}
+    std = {bank.names[i]: float(np.sqrt(bank.covariance[at, i, i])) for i in rows}
+    return LoopMethodResult(name, METHODS[name], float(found.delays[at]), values, std, float(bank.log_likelihood[at]))
+
+
+def _best(name: str, found: Plain) -> LoopMethodResult:
+    return _of_bank(name, found, int(np.argmax(found.bank.log_likelihood)))
+
+
+def _held(name: str, ways: Ways) -> LoopMethodResult:
+    delay = ways.refined.refined
+    bank = run_bank(ways.paper.record, ways.paper.system, held={"delay": np.array([delay])})
+    return _of_bank(name, replace(ways.plain, bank=bank, delays=np.array([delay])), 0)
+
+
+def _relinearised(name: str, ways: Ways) -> LoopMethodResult:
+    bank, _ = run_iterated_bank(ways.paper.record, ways.paper.system, held={"delay": np.array([ways.plain.delay])})
+    return _of_bank(name, replace(ways.plain, bank=bank, delays=np.array([ways.plain.delay])), 0)
+
+
+def _set_up(ways: Ways, **changes: Any) -> SetUp:
+    return ways.again(replace(ways.estimation, **changes))
+
+
+def _refined(name: str, setting: SetUp) -> LoopMethodResult:
+    return of_refined(name, METHODS[name], refined(setting))
+
+
+def of_refined(name: str, label: str, bank: DelayBank) -> LoopMethodResult:
+    """A refined bank's result in the same form."""
+    estimate = bank.estimate
+    std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
+    return LoopMethodResult(name, label, bank.refined, estimate.as_dict(), std, estimate.log_likelihood)
+
+
+_RUN: Mapping[str, Callable[[str, Ways], LoopMethodResult]] = {
+    "paper": lambda name, ways: _best(name, ways.plain),
+    "paper-other": lambda name, ways: _of_bank(name, ways.plain, other_side(ways.plain, ways.refined.refined)),
+    "paper-density": lambda name, ways: _best(name, plain(_set_up(ways, prior="printed", process_noise=printed_density("flight")))),
+    "plain-quarter": lambda name, ways: _best(name, plain(_set_up(ways, prior="quarter"))),
+    "held": _held,
+    "relinearised": _relinearised,
+    "refined-printed": lambda name, ways: _refined(name, _set_up(ways, prior="printed")),
+    "refined-quarter": lambda name, ways: _refined(name, _set_up(ways, prior="quarter")),
+}
+
+
+# ---- The same scenario flown or estimated with one thing changed
+
+
+@dataclass(frozen=True, eq=False)
+class VariantResult:
+    """A variant's name, label, quick estimate, delay and misfit."""
+
+    name: str
+    label: str
+    estimate: Estimate
+    delay: float
+    misfit: Misfit
+
+
+def run_variant(scenario: LoopScenario, variant: Variant, seed: int, start: Mapping[str, float]) -> VariantResult:
+    """Fly a variant with a seed and estimate it; ``start`` is the scenario's, where the variant declares none."""
+    flown = fly_loop(variant.flight, seed)
+    setting = set_up(variant.estimation, flown, variant.estimation.start or start)
+    estimate, delay = rough(setting)
+    simulated = free_simulation(setting, estimate, delay)
+    measured = misfit(setting.record, simulated, estimate, sensor_noise(flown), scenario.stretch, scenario.peak)
+    return VariantResult(variant.name, variant.label, estimate, delay, measured)
+
+
+@dataclass(frozen=True, eq=False)
+class OverSeeds:
+    """The paper's bank on flights that differ in their noise alone.
+
+    Attributes
+    ----------
+    seeds : ``(k,)``. delays : the most likely delay of each, s. names : of the parameters.
+    values : ``(k, n)`` parameters of the filter at that delay.
+    """
+
+    seeds: tuple[int, ...]
+    delays: np.ndarray
+    names: tuple[str, ...]
+    values: np.ndarray
+
+    def by_delay(self) -> list[tuple[float, np.ndarray]]:
+        """Each delay that was chosen, with the rows ``(j, n)`` of the flights that chose it; the most frequent first."""
+        chosen = [(float(delay), self.values[self.delays == delay]) for delay in np.unique(self.delays)]
+        return sorted(chosen, key=lambda each: -len(each[1]))
+
+
+def run_over_seeds(scenario: LoopScenario, start: Mapping[str, float], prior: str) -> OverSeeds | None:
+    """The paper's bank with the seeds 1 to ``scenario.seeds``; ``prior`` is its rule for P0. None where no seeds are asked for."""
+    if not scenario.seeds:
+        return None
+    seeds = tuple(range(1, scenario.seeds + 1))
+    found = [plain(set_up(scenario.estimation, fly_loop(scenario.flight, seed), start, prior=prior)) for seed in seeds]
+    delays = np.array([round(each.delay, 6) for each in found])
+    return OverSeeds(seeds, delays, found[0].estimate.names, np.array([each.estimate.values for each in found]))

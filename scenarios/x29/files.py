@@ -1,27 +1,208 @@
-"""The study folder of a closed-loop scenario: record, truth, comparison, history, figures."""
+"""The study folder of a closed-loop scenario: record, truth, comparison, figures, page."""
 
 from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.files.folders import study_folder
-from scenarios.files.writing import write_json, write_record
-from scenarios.pages.folder import write_page
-from scenarios.plots.formats import USUAL, Formats
-from scenarios.plots.page.named import Drawn
-from scenarios.terminal.numbers import as_text
+from ident.estimate import FilterHistory, Outcome
+from ident.flying_qualities.modes import MODAL_UNITS
+from scenarios.files.writing import study_folder, write_json, write_record
+from scenarios.pages.folder import figures, write_page
+from scenarios.pages.model import Bullets, Page, Prose, Section, as_sentence, capital, now, reproduction, section
+from scenarios.pages.tables import printed_blocks, tests_table
+from scenarios.plots.display import SIMULATED_DATA
+from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.studies.comparison import HEADING, bank_line, choice_lines
+from scenarios.terminal.quantities import as_text, number_text, test_line
 from scenarios.terminal.summary import HERE
 from scenarios.x29.content import loop_comparison
-from scenarios.x29.printing import print_loop
-from scenarios.x29.report.page import loop_page
-from scenarios.x29.study import LoopStudy
+from scenarios.x29.declaration import printed_column
+from scenarios.x29.findings import sentences
+from scenarios.x29.loop import OUTPUTS
+from scenarios.x29.open_margins import OPEN, OpenMargins
+from scenarios.x29.printing import TABLES, WORDS, print_loop
+from scenarios.x29.study import LoopResult, LoopStudy
 from sim.closed_loop.airframe import X29
+from sim.declaration.effect import Parameter
 from sim.record import Record
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from scenarios.plots.drawing import Named
+    from scenarios.plots.low_order import Bar
+    from scenarios.plots.signals import Response
+
+
+# ---- The page of a closed-loop scenario
+
+# Units of columns whose rows have units of their own.
+SQUARED = "unit²"
+_COLUMNS = {
+    **{"initial variance": SQUARED, "final variance": SQUARED, "R": SQUARED, "Q": f"{SQUARED}/s", "damping": "1", "pass": "1", "rad/s": "rad/s"},
+    **{"P0, here": SQUARED, "variance, here": SQUARED, "R, here": SQUARED, "Q, here": f"{SQUARED}/s"},
+}
+
+
+def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
+    """The page of a study with the figures ``drawn``."""
+    scenario, estimate, record = study.scenario, study.result.estimate, study.result.setting.record
+    units = _units(study)
+    tables = {title: section(title, *printed_blocks(partial(table, study), units)) for title, table in TABLES.items()}
+    qualities = "; ".join(
+        f"{WORDS[q.name]} {number_text(q.value, q.std)} +- {number_text(q.std, q.std)} {q.unit}".rstrip(" 1") for q in study.result.qualities
+    )
+    white = all(test.passed for test in study.tests)
+    window = f"{record.time[0]:g} to {record.time[-1]:g} s"
+    choices = choice_lines(scenario.choices)
+    return Page(
+        title=capital(scenario.title),
+        kind=f"Closed-loop study {scenario.name}, delay refined over a bank of filters",
+        verdict=estimate.outcome.value.partition(":")[0].partition(",")[0],
+        tone="open" if estimate.outcome not in (Outcome.CONVERGED, Outcome.AT_BOUND) else "good" if white else "fair",
+        sentence=as_sentence(test_line(study.tests)) if study.tests else "",
+        summary=tuple(as_sentence(line) for line in (qualities, scenario.findings) if line),
+        warnings=(),
+        sections=(
+            *tables["Estimate"],
+            *section("What it says", *(Prose(as_sentence(line)) for line in sentences(study) if line)),
+            *(each for title, parts in tables.items() if title != "Estimate" for each in parts),
+            *section("Figures", *figures(drawn)),
+            *section("Residuals", tests_table("Residual tests", study.tests)),
+            *_made(study, window, choices),
+        ),
+        reproduction=reproduction(("flightid", "run", scenario.name, "--seed", str(study.seed)), f"Seed {study.seed}."),
+        created=now(),
+    )
+
+
+def _made(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[Section, ...]:
+    scenario = study.scenario
+    told = Prose(f"Truth and model: {scenario.distance}. {len(study.result.setting.record)} samples, {window}.")
+    engine = Prose(as_sentence(bank_line(scenario.estimation.engine, study.second)))
+    heading = Prose(as_sentence(HEADING)) if choices else None
+    return section("How it was made", Prose(as_sentence(scenario.about)) if scenario.about else None, told, engine, heading, Bullets(tuple(choices)))
+
+
+def _units(study: LoopStudy) -> dict[str, str]:
+    """Units of everything that a row or a column of the tables is named after."""
+    estimate, system = study.result.estimate, study.result.setting.system
+    units = {item.name: item.unit for item in (*system.initial, *system.parameters)}
+    units |= dict(zip(estimate.names, estimate.units, strict=True)) | {"delay": "s", **MODAL_UNITS}
+    words = {WORDS[q.name]: q.unit for q in study.result.qualities} | {WORDS[name]: unit for name, unit in MODAL_UNITS.items() if name in WORDS}
+    return {**units, **words, WORDS["delay"]: "s", **_COLUMNS}
+
+
+# ---- Which figures a closed-loop study gets: as the paper's 3 to 10
+
+SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
+
+
+def loop_figures(study: LoopStudy) -> Iterator[Named]:
+    """A study's figures: the stem of each file, and what draws it."""
+    from scenarios.plots.estimates import figure_correlation, figure_innovations
+    from scenarios.plots.low_order import LikelihoodCurve, figure_delays, figure_linear, figure_peaks, figure_side_by_side, figure_states
+    from scenarios.plots.signals import figure_fit, figure_record, units_of
+
+    result, title = study.result, study.scenario.title
+    estimate, record = result.estimate, result.setting.record
+    history = estimate.history
+    assert history is not None
+    yield "record", partial(figure_record, result.flown.record, f"{title}\nrecord", SIMULATED_DATA)
+    noise = dict(zip(("alpha", "q", "nz"), (float(v) for v in estimate.noise_std), strict=True)) if study.scenario.flight.noise else None
+    simulated = [_response("low-order equivalent, free simulation", study.simulated)]
+    yield "fit", partial(figure_fit, record, simulated, None, f"{title}\nfree simulation", noise, SIMULATED_DATA)
+    if study.other is not None and study.other_simulated is not None and study.scenario.against is not None:
+        label = study.scenario.against.label
+        shown = [_response("low-order equivalent, free simulation", study.other_simulated)]
+        yield "fit_other", partial(figure_fit, study.other.setting.record, shown, None, f"{title}\ncompared with: {label}", None, SIMULATED_DATA)
+        yield "compared", partial(figure_side_by_side, _bars(study.other), _bars(result), label, "this study", title, _printed(study))
+    yield "innovations", partial(figure_innovations, history, estimate.output_names, units_of(record, estimate.output_names), title)
+    system = result.setting.system
+    items = [system.initial[n] if n in system.state_names else system.parameters[n] for n in history.names]
+    moving, constant = items[: len(system.state_names)], items[len(system.state_names) :]
+    names = [item.name for item in moving]
+    yield "states", partial(figure_states, history, names, [item.unit for item in moving], f"{title}\nstates of the filter")
+    yield "parameters", partial(_parameter_histories, history, constant, f"{title}\nparameters as states")
+    yield "correlation", partial(figure_correlation, estimate.names, estimate.correlation, title)
+    bank = result.bank
+    curve = LikelihoodCurve(bank.delays, bank.log_likelihood, bank.most_likely, bank.weighted_mean, bank.refined, bank.refined_std)
+    yield "delays", partial(figure_delays, curve, title)
+    if (check := study.linear) is not None:
+        units, words = ("rad", "rad/s", "g"), f"{title}\nflown and linear"
+        yield "linear", partial(figure_linear, check.time, check.flown, check.linear, OUTPUTS, units, check.sticks, check.curves, words)
+    if study.open_margins is not None:
+        yield "margins", partial(_margins, study, study.open_margins)
+    if study.variants and study.scenario.peak is not None:
+        rows = [("as declared", study.misfit.peak_percent), *((v.label, v.misfit.peak_percent) for v in study.variants)]
+        yield "variants", partial(figure_peaks, rows, "final peak of q, free simulation against the record (%)", title)
+    elif study.variants:
+        stretch = study.scenario.stretch is not None
+        words = "rms of q in the stretch over σ (–)" if stretch else "lag-1 correlation of pitch-rate innovations (–)"
+        found = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
+        rows = [(label, m.stretch if stretch else m.lag_one) for label, m in found]
+        yield "variants", partial(figure_peaks, rows, words, title)
+
+
+def _parameter_histories(history: FilterHistory, constant: Sequence[Parameter], title: str) -> Figure:
+    """The histories with fewer numbers at their axes: a flight is long."""
+    from matplotlib.ticker import MaxNLocator
+
+    from scenarios.plots.estimates import figure_parameter_histories
+
+    prior = {item.name: (item.value, item.prior_std) for item in constant}
+    names, units = [item.name for item in constant], [item.unit for item in constant]
+    figure = figure_parameter_histories(history, names, units, prior=prior, title=title)
+    for panel in figure.axes:
+        panel.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    return figure
+
+
+def _printed(study: LoopStudy) -> list[dict[str, float]]:
+    """Printed values of the other scenario's column and of this one's, as far as there are any."""
+    scenarios = (study.other.scenario if study.other is not None else None, study.scenario)
+    columns = [scenario.published[0] if scenario is not None and scenario.published else "" for scenario in scenarios]
+    return [{name: cell.value for name, cell in printed_column(each).items()} if each else {} for each in columns]
+
+
+def _margins(study: LoopStudy, found: OpenMargins) -> Figure:
+    """Every point that has the paper's equivalents, the declared airframes, and what each open value does."""
+    from scenarios.plots.low_order import figure_open_margins
+
+    clouds = [(each.name, each.simulation[each.plausible], each.flight[each.plausible]) for each in found.designs]
+    (own, mine), (against, theirs), *beside = study.margins.items()
+    declared = [(f"{name} and {against}, declared", theirs.phase, each.phase) for name, each in ((own, mine), *beside)]
+    effects = [(item.label, found.effects[item.name]) for item in OPEN if item.name in found.effects]
+    title = f"{study.scenario.title}\nphase margins that the paper's numbers leave open"
+    return figure_open_margins(clouds, declared, effects, title)
+
+
+def _response(label: str, outputs: np.ndarray) -> Response:
+    from scenarios.plots.signals import Response
+
+    return Response(label, dict(zip(("alpha", "q", "nz"), outputs, strict=True)))
+
+
+def _bars(result: LoopResult) -> dict[str, Bar]:
+    from scenarios.plots.low_order import Bar
+
+    estimate = result.estimate
+    out = {n: Bar(estimate.value(n), estimate.sigma(n), estimate.units[estimate.names.index(n)]) for n in SHOWN if n in estimate.names}
+    for name in ("natural_frequency", "damping_ratio"):
+        quality = result.quality(name)
+        if quality is not None:
+            out[name] = Bar(quality.value, quality.std, quality.unit)
+    return out
+
+
+# ---- The study folder of a closed-loop scenario: record, truth, comparison, history, figures
 
 MAIN = "comparison.json"
 
@@ -43,8 +224,7 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
         drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.page.drawing import drawn_for_page
-            from scenarios.x29.figures import loop_figures
+            from scenarios.plots.drawing import drawn_for_page
 
             drawn = drawn_for_page(loop_figures(study), scratch, figures)
         write_page(scratch, loop_page(study, drawn))

@@ -1,4 +1,4 @@
-"""Tables of a closed-loop scenario for the terminal: the paper's Tables 1 to 3 and what a flight-test engineer reads."""
+"""Terminal tables of a closed-loop study and of the paper."""
 
 from __future__ import annotations
 
@@ -12,20 +12,114 @@ from rich.text import Text
 
 from ident.flying_qualities.levels import UNITS as QUALITY_UNITS
 from ident.flying_qualities.levels import Level, Quality
-from scenarios.studies.departures import choice_lines
-from scenarios.studies.engines import bank_line
+from scenarios.studies.comparison import bank_line, choice_lines
 from scenarios.studies.text import print_choices
-from scenarios.terminal.display_units import is_frequency, unit_cell
-from scenarios.terminal.numbers import console, number, test_line
-from scenarios.terminal.paragraphs import print_paragraph
+from scenarios.terminal.quantities import console, is_frequency, number_text, test_line, unit_cell
 from scenarios.terminal.summary import BELOW, Summary, print_summary, residual_phrase, value_phrase
-from scenarios.terminal.tables import Column, print_table
-from scenarios.x29.content import correlation_content
-from scenarios.x29.findings import sentences
-from scenarios.x29.measures import LARGE
-from scenarios.x29.paper.printing import print_paper, print_triangle
-from scenarios.x29.published import printed_checks, printed_column
+from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
+from scenarios.x29.content import beside, correlation_content, noted_pairs
+from scenarios.x29.declaration import Printed, has_table, printed_checks, printed_column, printed_correlation
+from scenarios.x29.estimating import LARGE, LoopMethodResult
+from scenarios.x29.findings import COMPARED, off, own_method, sentences
 from scenarios.x29.study import LoopStudy
+
+# ---- Terminal tables of what the paper prints beside what its procedure
+
+TITLES = {"simulation": "Table 1", "flight": "Table 2"}
+
+
+def print_paper(study: LoopStudy, out: Console) -> None:
+    """Tables 1 or 2 and their correlations beside the paper's procedure here, the methods, and restarts of plain filters."""
+    column = study.scenario.published[0] if study.scenario.published else ""
+    if study.scenario.methods and has_table(column):
+        _states(study, column, out)
+        _pairs(study, column, out)
+        names, C = printed_correlation(column)
+        print_triangle(out, f"correlations as published in {TITLES[column]}, * above {LARGE:g} in size", names, C)
+    if study.scenario.methods:
+        _methods(study, column, out)
+    _restarts(study, out)
+
+
+def print_triangle(out: Console, title: str, names: tuple[str, ...], C: np.ndarray) -> None:
+    """The lower triangle of a correlation matrix."""
+
+    def cell(i: int, j: int) -> str:
+        return f"{C[i, j]:+.2f}{'*' if i != j and abs(C[i, j]) > LARGE else ''}" if j <= i else ""
+
+    columns = [TableColumn("", names, left=True)]
+    columns += [
+        TableColumn(name.replace("alpha", "al").replace("delta", "de"), [cell(i, j) for i in range(len(names))]) for j, name in enumerate(names)
+    ]
+    out.print()
+    print_table(out, title, columns)
+
+
+def _states(study: LoopStudy, column: str, out: Console) -> None:
+    rows = beside(study, column)
+
+    def cells(key: str) -> list[list[str]]:
+        pairs = [row[key] for row in rows.values()]
+        return [[f"{pair[side]:.2e}" if pair[side] is not None else "" for pair in pairs] for side in ("here", "published")]
+
+    def block(key: str, heading: str) -> list[TableColumn]:
+        here, published = cells(key)
+        return [TableColumn(f"{heading}, here", here), TableColumn("published", published, beside=True)]
+
+    columns = [TableColumn("state", list(rows), left=True), *block("initial", "initial"), *block("initial_variance", "P0")]
+    further = [*block("final", "final"), *block("final_variance", "variance"), *block("R", "R"), *block("Q", "Q")]
+    out.print()
+    print_table(out, f"{TITLES[column]} and the paper's procedure on this record (plain bank, {study.plain.delay:.3f} s)", [*columns, *further])
+    print_paragraph(out, "SI, in the paper's units R of alpha and q are deg2 and (deg/s)2; Q here is a spectral density; R of nz stands with nz_0")
+
+
+def _pairs(study: LoopStudy, column: str, out: Console) -> None:
+    rows = noted_pairs(study, column)
+    columns = [
+        TableColumn("correlation of", [f"{a}, {b}" for a, b, *_ in rows], left=True),
+        TableColumn("published", [f"{row[2]:+.3f}" for row in rows]),
+        TableColumn("paper's procedure", [f"{row[3]:+.3f}" for row in rows]),
+        TableColumn("ours, refined", [f"{row[4]:+.3f}" for row in rows]),
+    ]
+    out.print()
+    print_table(out, f"largest correlations of {TITLES[column]}", columns)
+
+
+def _methods(study: LoopStudy, column: str, out: Console) -> None:
+    found: list[LoopMethodResult] = [*study.methods, own_method(study)]
+    names = ("L_alpha", *COMPARED)
+    printed = printed_column(column)
+    columns = [
+        TableColumn("method", [*(m.label for m in found), "published"], left=True),
+        TableColumn("delay", [*(f"{m.delay:.4f}" for m in found), ""]),
+        *(TableColumn(n, [*(number_text(m.values[n], m.std[n]) for m in found), f"{printed[n].value:g}"]) for n in names),
+        TableColumn("rad/s", [*(f"{m.frequency:.2f}" for m in found), _printed_cell(printed, "natural_frequency", ".2f")]),
+        TableColumn("damping", [*(f"{m.damping:.3f}" for m in found), _printed_cell(printed, "damping_ratio", ".3f")]),
+        TableColumn("off, %", [*(f"{100.0 * off(m, column):.0f}" for m in found), ""]),
+    ]
+    out.print()
+    print_table(out, "methods by name", columns)
+    print_paragraph(out, f"off: root mean square of the relative differences of {', '.join(COMPARED)} from the published ones")
+
+
+def _printed_cell(printed: Mapping[str, Printed], name: str, form: str) -> str:
+    """A printed number, or a dash: the paper prints no frequency and no damping ratio of its Table 3."""
+    return format(printed[name].value, form) if name in printed else "-"
+
+
+def _restarts(study: LoopStudy, out: Console) -> None:
+    for label, found in study.restarts.items():
+        rows = [(k, i) for k in range(len(found.delays)) for i in range(len(found.values["M_q"]))]
+        columns = [
+            TableColumn("delay", [f"{found.delays[k]:.4f}" for k, _ in rows]),
+            TableColumn("pass", [str(i + 1) for _, i in rows]),
+            *(TableColumn(n, [f"{found.values[n][i, k]:.4g}" for k, i in rows]) for n in ("L_alpha", *COMPARED)),
+        ]
+        out.print()
+        print_table(out, f"plain filters started again from their own result: {label}", columns)
+
+
+# ---- Tables of a closed-loop scenario for the terminal
 
 PARAMETERS = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "L_0", "M_0", "delta_0", "nz_0", "delay")
 WORDS = {
@@ -75,38 +169,39 @@ def _estimate(study: LoopStudy, out: Console) -> None:
     printed = printed_column(study.scenario.published[0]) if study.scenario.published else {}
     names = [name for name in PARAMETERS if name in estimate.names]
     columns = [
-        Column("parameter", names, left=True),
-        Column("unit", [unit_cell(estimate.units[estimate.names.index(name)]) for name in names], left=True),
-        Column("estimate", [number(estimate.value(name), estimate.sigma(name)) for name in names]),
-        Column("+- sigma", [number(estimate.sigma(name), estimate.sigma(name)) for name in names], beside=True),
-        Column("loop equivalent", [f"{getattr(loop, name):.5g}" if hasattr(loop, name) else "-" for name in names]),
-        Column(
-            "plain bank", [number(study.plain.estimate.value(n), estimate.sigma(n)) if n != "delay" else f"{study.plain.delay:.3f}" for n in names]
+        TableColumn("parameter", names, left=True),
+        TableColumn("unit", [unit_cell(estimate.units[estimate.names.index(name)]) for name in names], left=True),
+        TableColumn("estimate", [number_text(estimate.value(name), estimate.sigma(name)) for name in names]),
+        TableColumn("+- sigma", [number_text(estimate.sigma(name), estimate.sigma(name)) for name in names], beside=True),
+        TableColumn("loop equivalent", [f"{getattr(loop, name):.5g}" if hasattr(loop, name) else "-" for name in names]),
+        TableColumn(
+            "plain bank",
+            [number_text(study.plain.estimate.value(n), estimate.sigma(n)) if n != "delay" else f"{study.plain.delay:.3f}" for n in names],
         ),
     ]
     further = []
     if printed:
         further = [
-            Column("published", [f"{printed[name].value:.5g}" if name in printed else "" for name in names]),
-            Column("+- sigma", [f"{s:.2g}" if name in printed and (s := printed[name].std) is not None else "" for name in names], beside=True),
+            TableColumn("published", [f"{printed[name].value:.5g}" if name in printed else "" for name in names]),
+            TableColumn("+- sigma", [f"{s:.2g}" if name in printed and (s := printed[name].std) is not None else "" for name in names], beside=True),
         ]
     out.print()
     print_table(out, f"estimate, delay refined: {estimate.outcome.value}", [*columns, *further])
 
 
-def _states(study: LoopStudy, out: Console) -> None:
+def _printing_states(study: LoopStudy, out: Console) -> None:
     history, system = study.result.estimate.history, study.result.setting.system
     assert history is not None
     noise, density = study.result.setting.noise_std, study.scenario.estimation.process_noise
     items = [system.initial[n] if n in system.state_names else system.parameters[n] for n in history.names]
     columns = [
-        Column("state", list(history.names), left=True),
-        Column("initial", [f"{item.value:.3e}" for item in items]),
-        Column("final", [f"{v:.3e}" for v in history.mean[:, -1]]),
-        Column("initial variance", [f"{item.prior_std**2:.3e}" for item in items]),
-        Column("final variance", [f"{v:.3e}" for v in history.std[:, -1] ** 2]),
-        Column("R", [f"{noise[n] ** 2:.3e}" if n in noise else "" for n in history.names]),
-        Column("Q", [f"{density.get(n, 0.0):.1e}" for n in history.names]),
+        TableColumn("state", list(history.names), left=True),
+        TableColumn("initial", [f"{item.value:.3e}" for item in items]),
+        TableColumn("final", [f"{v:.3e}" for v in history.mean[:, -1]]),
+        TableColumn("initial variance", [f"{item.prior_std**2:.3e}" for item in items]),
+        TableColumn("final variance", [f"{v:.3e}" for v in history.std[:, -1] ** 2]),
+        TableColumn("R", [f"{noise[n] ** 2:.3e}" if n in noise else "" for n in history.names]),
+        TableColumn("Q", [f"{density.get(n, 0.0):.1e}" for n in history.names]),
     ]
     out.print()
     print_table(out, f"states of the filter at the refined delay (R of nz {noise['nz'] ** 2:.3e} g2)", columns)
@@ -121,11 +216,11 @@ def _correlation(study: LoopStudy, out: Console) -> None:
 def _qualities(study: LoopStudy, out: Console) -> None:
     found = [each for q in study.result.qualities for each in ([q, _hertz(q)] if is_frequency(q.name, q.unit) else [q])]
     columns = [
-        Column("quantity", [WORDS[q.name] for q in found], left=True),
-        Column("unit", [unit_cell(q.unit) for q in found], left=True),
-        Column("value", [number(q.value, q.std) for q in found]),
-        Column("from", [number(q.value - 2 * q.std, q.std) for q in found]),
-        Column("to (2 sigma)", [number(q.value + 2 * q.std, q.std) for q in found]),
+        TableColumn("quantity", [WORDS[q.name] for q in found], left=True),
+        TableColumn("unit", [unit_cell(q.unit) for q in found], left=True),
+        TableColumn("value", [number_text(q.value, q.std) for q in found]),
+        TableColumn("from", [number_text(q.value - 2 * q.std, q.std) for q in found]),
+        TableColumn("to (2 sigma)", [number_text(q.value + 2 * q.std, q.std) for q in found]),
     ]
     out.print()
     print_table(out, "flying qualities", columns)
@@ -149,17 +244,17 @@ def _check(study: LoopStudy, out: Console) -> None:
     names = ("natural_frequency", "damping_ratio", "delay")
     own = {q.name: q for q in result.qualities}
     columns = [
-        Column("quantity", [WORDS[n] for n in names], left=True),
-        Column("unit", [unit_cell(QUALITY_UNITS[n]) for n in names], left=True),
-        Column("filter", [number(own[n].value, own[n].std) if n in own else "-" for n in names]),
-        Column("loop's response", [f"{getattr(loop, n):.4g}" for n in names]),
-        Column("record's spectra", [f"{record[n]:.4g}" if record is not None else "-" for n in names]),
+        TableColumn("quantity", [WORDS[n] for n in names], left=True),
+        TableColumn("unit", [unit_cell(QUALITY_UNITS[n]) for n in names], left=True),
+        TableColumn("filter", [number_text(own[n].value, own[n].std) if n in own else "-" for n in names]),
+        TableColumn("loop's response", [f"{getattr(loop, n):.4g}" for n in names]),
+        TableColumn("record's spectra", [f"{record[n]:.4g}" if record is not None else "-" for n in names]),
     ]
     told = printed_checks(study.scenario.published[0]) if study.scenario.published else {}
     if told:
-        columns.append(Column("plain bank", _plain_cells(study, names)))
-        columns.append(Column("published EKF", [f"{told[n].low:.4g} to {told[n].high:.4g}" if n in told else "" for n in names]))
-        columns.append(Column("its response", [f"{told[n].frequency_response:.4g}" if n in told else "" for n in names]))
+        columns.append(TableColumn("plain bank", _plain_cells(study, names)))
+        columns.append(TableColumn("published EKF", [f"{told[n].low:.4g} to {told[n].high:.4g}" if n in told else "" for n in names]))
+        columns.append(TableColumn("its response", [f"{told[n].frequency_response:.4g}" if n in told else "" for n in names]))
     out.print()
     print_table(out, "independent check by frequency response (0.35 to 14 rad/s)", columns)
 
@@ -176,13 +271,13 @@ def _differences(study: LoopStudy, out: Console) -> None:
         return
     rows = study.differences.differences
     columns = [
-        Column("parameter", [d.name for d in rows], left=True),
-        Column("other", [number(d.first, d.first_std) for d in rows]),
-        Column("+- sigma", [number(d.first_std, d.first_std) for d in rows], beside=True),
-        Column("here", [number(d.second, d.second_std) for d in rows]),
-        Column("+- sigma", [number(d.second_std, d.second_std) for d in rows], beside=True),
-        Column("difference, sigmas", [f"{d.z:+.1f}" for d in rows]),
-        Column("", ["beyond" if d.beyond else "" for d in rows], left=True),
+        TableColumn("parameter", [d.name for d in rows], left=True),
+        TableColumn("other", [number_text(d.first, d.first_std) for d in rows]),
+        TableColumn("+- sigma", [number_text(d.first_std, d.first_std) for d in rows], beside=True),
+        TableColumn("here", [number_text(d.second, d.second_std) for d in rows]),
+        TableColumn("+- sigma", [number_text(d.second_std, d.second_std) for d in rows], beside=True),
+        TableColumn("difference, sigmas", [f"{d.z:+.1f}" for d in rows]),
+        TableColumn("", ["beyond" if d.beyond else "" for d in rows], left=True),
     ]
     out.print()
     print_table(out, f"against {study.scenario.against.label}", columns)
@@ -194,14 +289,16 @@ def _together(study: LoopStudy, out: Console) -> None:
     if not study.together:
         return
     names = PARAMETERS[:10]
-    columns = [Column("parameter", [*names, "delay"], left=True)]
+    columns = [TableColumn("parameter", [*names, "delay"], left=True)]
     columns += [
-        Column(key.removeprefix("x29-"), [*(f"{found.estimate.value(n):.4g}" for n in names), f"{found.delay:.3f}"])
+        TableColumn(key.removeprefix("x29-"), [*(f"{found.estimate.value(n):.4g}" for n in names), f"{found.delay:.3f}"])
         for key, found in study.together.items()
     ]
-    columns.append(Column("here, refined", [*(f"{study.result.estimate.value(n):.4g}" for n in names), f"{study.result.bank.refined:.3f}"]))
+    columns.append(TableColumn("here, refined", [*(f"{study.result.estimate.value(n):.4g}" for n in names), f"{study.result.bank.refined:.3f}"]))
     printed = [(key, printed_column(key)) for key in study.scenario.published]
-    further = [Column(f"published {key.replace('_', ' ')}", [f"{c[n].value:.4g}" if n in c else "" for n in (*names, "delay")]) for key, c in printed]
+    further = [
+        TableColumn(f"published {key.replace('_', ' ')}", [f"{c[n].value:.4g}" if n in c else "" for n in (*names, "delay")]) for key, c in printed
+    ]
     out.print()
     print_table(out, "robustness: plain bank, most likely delay, side by side as the paper's Table 3", [*columns, *further])
 
@@ -210,8 +307,8 @@ def _passes(study: LoopStudy, out: Console) -> None:
     if len(study.passes) < 2:
         return
     names = ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau")
-    columns = [Column("pass", [str(i + 1) for i in range(len(study.passes))])]
-    columns += [Column(n, [number(each.value(n), each.sigma(n)) for each in study.passes]) for n in names]
+    columns = [TableColumn("pass", [str(i + 1) for i in range(len(study.passes))])]
+    columns += [TableColumn(n, [number_text(each.value(n), each.sigma(n)) for each in study.passes]) for n in names]
     out.print()
     print_table(out, "refined filter started again from its own result", columns)
 
@@ -220,18 +317,18 @@ def _variants(study: LoopStudy, out: Console) -> None:
     if not study.variants:
         return
     rows = [("as declared, refined", study.result.bank.refined, study.misfit), *((v.label, v.delay, v.misfit) for v in study.variants)]
-    columns = [Column("flown or estimated", [row[0] for row in rows], left=True), Column("delay, s", [f"{row[1]:.4f}" for row in rows])]
+    columns = [TableColumn("flown or estimated", [row[0] for row in rows], left=True), TableColumn("delay, s", [f"{row[1]:.4f}" for row in rows])]
     if study.scenario.peak is not None:
-        columns.append(Column("final peak, %", [f"{row[2].peak_percent:+.1f}" for row in rows]))
+        columns.append(TableColumn("final peak, %", [f"{row[2].peak_percent:+.1f}" for row in rows]))
     if study.scenario.stretch is not None:
-        columns.append(Column("rms q, stretch", [f"{row[2].stretch:.2f}" for row in rows]))
-        columns.append(Column("elsewhere", [f"{row[2].elsewhere:.2f}" for row in rows]))
+        columns.append(TableColumn("rms q, stretch", [f"{row[2].stretch:.2f}" for row in rows]))
+        columns.append(TableColumn("elsewhere", [f"{row[2].elsewhere:.2f}" for row in rows]))
     columns += [
-        Column("rms q", _cells([row[2].rms["q"] for row in rows])),
-        Column("lag 1", [f"{row[2].lag_one:+.2f}" for row in rows]),
-        Column("Ljung-Box", [f"{row[2].q_box:.0f}" for row in rows]),
-        Column("low share", _cells([row[2].low_share for row in rows])),
-        Column("size", _cells([row[2].ratio for row in rows])),
+        TableColumn("rms q", _cells([row[2].rms["q"] for row in rows])),
+        TableColumn("lag 1", [f"{row[2].lag_one:+.2f}" for row in rows]),
+        TableColumn("Ljung-Box", [f"{row[2].q_box:.0f}" for row in rows]),
+        TableColumn("low share", _cells([row[2].low_share for row in rows])),
+        TableColumn("size", _cells([row[2].ratio for row in rows])),
     ]
     out.print()
     print_table(out, "the same with changes", columns)
@@ -248,10 +345,10 @@ def _over_seeds(study: LoopStudy, out: Console) -> None:
         return
     rows = [(f"{delay:.3f}", block) for delay, block in found.by_delay()]
     rows += [("all", found.values)] if len(rows) > 1 else []
-    columns = [Column("delay, s", [label for label, _ in rows], left=True), Column("flights", [str(len(block)) for _, block in rows])]
+    columns = [TableColumn("delay, s", [label for label, _ in rows], left=True), TableColumn("flights", [str(len(block)) for _, block in rows])]
     for name in ("L_alpha", "M_alpha", "M_delta", "L_q", "M_q", "inv_tau"):
         at = found.names.index(name)
-        columns.append(Column(name, [_mean_cell(block[:, at]) for _, block in rows]))
+        columns.append(TableColumn(name, [_mean_cell(block[:, at]) for _, block in rows]))
     out.print()
     print_table(out, f"the paper's bank on flights with seeds 1 to {len(found.seeds)}: delay chosen, mean +- standard deviation", columns)
 
@@ -261,7 +358,7 @@ def _mean_cell(values: np.ndarray) -> str:
     if len(values) < 2:
         return f"{float(values[0]):.4g}"
     std = float(values.std(ddof=1))
-    return f"{number(float(values.mean()), std)} +- {number(std, std)}"
+    return f"{number_text(float(values.mean()), std)} +- {number_text(std, std)}"
 
 
 def _cells(values: Sequence[float]) -> list[str]:
@@ -271,7 +368,7 @@ def _cells(values: Sequence[float]) -> list[str]:
 # What is printed, by the heading under which it stands on a page, the estimate first.
 TABLES: Mapping[str, Callable[[LoopStudy, Console], None]] = {
     "Estimate": _estimate,
-    "States of the filter": _states,
+    "States of the filter": _printing_states,
     "Correlation": _correlation,
     "Flying qualities": _qualities,
     "Check by frequency response": _check,

@@ -8,12 +8,22 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field
 
 from scenarios.files.declarations import checked
-from scenarios.files.vehicles_schema import STRICT
+from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.studies.catalogue import with_change
-from scenarios.studies.scenario_file.choices import choices_of
-from scenarios.studies.scenario_file.quantities import Quantity, positive, si, standard_deviations
-from scenarios.x29.declaration import METHODS, Against, LoopEstimation, LoopFlight, LoopScenario, MarginPlan, Spike, StickPlan, Variant
-from scenarios.x29.published import printed_columns
+from scenarios.studies.declaration import choices_of
+from scenarios.studies.schema import Quantity, positive, si, standard_deviations
+from scenarios.x29.declaration import (
+    METHODS,
+    Against,
+    LoopEstimation,
+    LoopFlight,
+    LoopScenario,
+    MarginPlan,
+    Spike,
+    StickPlan,
+    Variant,
+    printed_columns,
+)
 from sim.errors import DeclarationError
 from sim.vehicles.factory import LOES_DERIVATIVES
 
@@ -21,11 +31,11 @@ Name = Annotated[str, Field(min_length=1)]
 _STATES = {"alpha": "rad", "q": "rad/s", "delta": "1"}
 
 
-class _Strict(BaseModel):
-    model_config = STRICT
+class _LoopStrict(BaseModel):
+    model_config = VEHICLES_SCHEMA_STRICT
 
 
-class _Stick(_Strict):
+class _Stick(_LoopStrict):
     kind: Literal["3-2-1-1", "doublet", "levels", "hand-flown"]
     amplitude: float = 1.0
     unit: Quantity = 0.5
@@ -36,12 +46,12 @@ class _Stick(_Strict):
     levels: list[float] = []
 
 
-class _Spike(_Strict):
+class _Spike(_LoopStrict):
     time: Quantity
     size: float
 
 
-class _Flight(_Strict):
+class _LoopFlight(_LoopStrict):
     airframe: Literal["P", "S", "F", "D", "R"]
     duration: Quantity
     stick: _Stick
@@ -55,7 +65,7 @@ class _Flight(_Strict):
     noise_variance: dict[str, str] = {}
 
 
-class _Estimate(_Strict):
+class _LoopEstimate(_LoopStrict):
     start: dict[str, Quantity] = {}
     start_from: str = ""
     noise_from: Literal["sensors", "envelope"]
@@ -69,33 +79,33 @@ class _Estimate(_Strict):
     engine: Literal["filterpy", "batched"] = "batched"
 
 
-class _Margins(_Strict):
+class _Margins(_LoopStrict):
     samples: int = Field(ge=0, le=10_000)
     seed: int = Field(default=1, ge=0)
     beside: Literal["P", "S", "F", "D", "R"] | None = None
 
 
-class _Against(_Strict):
+class _Against(_LoopStrict):
     scenario: Name
     label: Name
     set: list[str] = []
 
 
-class _Variant(_Strict):
+class _Variant(_LoopStrict):
     name: Name
     label: Name
     set: list[str] = []
 
 
-class _Scenario(_Strict):
+class _Scenario(_LoopStrict):
     schema_: Literal["flightid/scenario/1"] = Field(alias="schema")
     kind: Literal["x29"]
     title: Name
     about: str = ""
     distance: Literal["model of lower order", "same equations, finer step"]
     seed: int = Field(default=1, ge=0)
-    flight: _Flight
-    estimate: _Estimate
+    flight: _LoopFlight
+    estimate: _LoopEstimate
     published: list[str] = []
     against: _Against | None = None
     together: list[str] = []
@@ -150,7 +160,7 @@ def _variant(variant: _Variant, document: Mapping[str, Any], where: str, inside:
     return Variant(variant.name, variant.label, flight, estimation)
 
 
-def _flight(flight: _Flight, where: str) -> LoopFlight:
+def _flight(flight: _LoopFlight, where: str) -> LoopFlight:
     stick = flight.stick
     place = f"{where}.stick"
     if stick.kind == "levels" and (not stick.times or len(stick.times) != len(stick.levels)):
@@ -190,7 +200,7 @@ def _flight(flight: _Flight, where: str) -> LoopFlight:
     )
 
 
-def _estimation(estimate: _Estimate, where: str) -> LoopEstimation:
+def _estimation(estimate: _LoopEstimate, where: str) -> LoopEstimation:
     if bool(estimate.start) == bool(estimate.start_from):
         raise DeclarationError("one of start and start_from is due", where=where, remedy="give starting values, or the scenario they come from")
     for name in estimate.start:

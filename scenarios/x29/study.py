@@ -13,14 +13,32 @@ from ident.flying_qualities.levels import Level, Quality, levels, qualities
 from ident.frequency_response.multitaper import estimate_response, fit_response
 from ident.statistics.residuals import Comparison, ResidualTest, compare_estimates, residual_tests
 from scenarios.studies.catalogue import load_document
-from scenarios.x29.declaration import LoopScenario
-from scenarios.x29.estimating import SETTLED, Plain, SetUp, free_simulation, plain, refined, set_up, started_again
-from scenarios.x29.flying import Flown, fly_loop, low_order_model
-from scenarios.x29.loop.linear_check import LinearCheck, linear_check
-from scenarios.x29.loop.open_margins import OpenMargins, margins_of, planned_margins
-from scenarios.x29.measures import Misfit, misfit, sensor_noise
-from scenarios.x29.methods import MethodResult, Restarts, Ways, all_restarts, other_side, run_methods
-from scenarios.x29.variants import OverSeeds, VariantResult, run_over_seeds, run_variant
+from scenarios.x29.declaration import FlownLoop, LoopScenario, fly_loop, low_order_model
+from scenarios.x29.estimating import (
+    SETTLED,
+    LoopMethodResult,
+    Misfit,
+    OverSeeds,
+    Plain,
+    Restarts,
+    SetUp,
+    VariantResult,
+    Ways,
+    all_restarts,
+    free_simulation,
+    misfit,
+    other_side,
+    plain,
+    refined,
+    run_methods,
+    run_over_seeds,
+    run_variant,
+    sensor_noise,
+    set_up,
+    started_again,
+)
+from scenarios.x29.loop import LinearCheck, linear_check
+from scenarios.x29.open_margins import OpenMargins, margins_of, planned_margins
 from sim.closed_loop.linear import EquivalentSystem, Margins, equivalent_system
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Noise
@@ -31,11 +49,11 @@ DEPTH = 4  # scenarios that start from one another
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class LoopResult:
     """A refined estimate with what follows from it."""
 
     scenario: LoopScenario
-    flown: Flown
+    flown: FlownLoop
     setting: SetUp
     bank: DelayBank
     qualities: tuple[Quality, ...]
@@ -75,10 +93,10 @@ class LoopStudy:
 
     scenario: LoopScenario
     seed: int
-    result: Result
+    result: LoopResult
     paper: SetUp
     plain: Plain
-    methods: tuple[MethodResult, ...]
+    methods: tuple[LoopMethodResult, ...]
     restarts: Mapping[str, Restarts]
     first: DelayBank
     passes: tuple[Estimate, ...]
@@ -87,7 +105,7 @@ class LoopStudy:
     check: ResponseCheck
     levels: tuple[Level, ...]
     tests: tuple[ResidualTest, ...]
-    other: Result | None
+    other: LoopResult | None
     other_simulated: np.ndarray | None
     differences: Comparison | None
     derived_differences: tuple[tuple[str, float], ...]
@@ -175,7 +193,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
     )
 
 
-def response_check(result: Result) -> ResponseCheck:
+def response_check(result: LoopResult) -> ResponseCheck:
     """The low-order equivalent by frequency response, of the loop and of the record."""
     x29 = result.flown.x29
     loop = equivalent_system(x29)
@@ -220,16 +238,16 @@ def _plain_of(scenario: LoopScenario, depth: int = 0) -> Plain:
     return plain(set_up(scenario.estimation, flown, starting_values(scenario, depth), prior=_papers_rule(scenario)))
 
 
-def _result(scenario: LoopScenario, flown: Flown, setting: SetUp) -> Result:
+def _result(scenario: LoopScenario, flown: FlownLoop, setting: SetUp) -> LoopResult:
     bank = refined(setting)
     airframe = flown.x29.airframe
     found = qualities(bank.estimate, airframe.airspeed, airframe.gravity, {"delay": bank.refined})
-    return Result(scenario, flown, setting, bank, found)
+    return LoopResult(scenario, flown, setting, bank, found)
 
 
 def _against(
-    scenario: LoopScenario, seed: int, result: Result, first: Result
-) -> tuple[Result | None, np.ndarray | None, Comparison | None, tuple[tuple[str, float], ...]]:
+    scenario: LoopScenario, seed: int, result: LoopResult, first: LoopResult
+) -> tuple[LoopResult | None, np.ndarray | None, Comparison | None, tuple[tuple[str, float], ...]]:
     """The other scenario's result, its free simulation, what differs, and differences of flying qualities in sigmas of one result."""
     against = scenario.against
     if against is None:

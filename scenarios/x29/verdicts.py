@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from scenarios.x29.estimating import SETTLED
-from scenarios.x29.measures import Misfit, sensor_noise
+from scenarios.x29.estimating import SETTLED, Misfit, sensor_noise
 from scenarios.x29.study import LoopStudy
 
 HALF_FRAME = 0.00625  # s: the loop's own response is taken from frame to frame, the recorded stick is held between 40 Hz samples

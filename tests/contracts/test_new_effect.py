@@ -18,9 +18,9 @@ from scenarios.diagnosis.report.separating_maneuvers import separating_maneuver
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.writing import write_record
-from scenarios.plots.tracing.evidence import figure_evidence
-from scenarios.plots.tracing.reasons import Standing
-from scenarios.preparation.request import Request
+from scenarios.plots.display import Standing
+from scenarios.plots.tracing import figure_evidence
+from scenarios.preparation.plan import Request
 from sim.declaration.proposal import Traceable
 from sim.effects.library import find_effect, library
 from sim.record import Channel

@@ -20,12 +20,12 @@ ABSENT = {
 ASKING = {
     "exam/independent/command.py",  # hasattr
     "ident/alongside.py",  # can_fork
-    "scenarios/plots/page/sharing.py",  # can_fork
+    "scenarios/plots/drawing.py",  # can_fork
     "scenarios/tasks/processes.py",  # sys.platform
-    "scenarios/tasks/sharing.py",  # hasattr
-    "scenarios/tasks/shards.py",  # ImportError
+    "scenarios/tasks/processes.py",  # hasattr
+    "scenarios/tasks/work.py",  # ImportError
     "scenarios/diagnosis/report/pictures/process.py",  # hasattr
-    "scenarios/files/folders.py",  # hasattr
+    "scenarios/files/writing.py",  # hasattr
     "scenarios/files/sources.py",  # named pipes alone, which Windows has not
 }
 

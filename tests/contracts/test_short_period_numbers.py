@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.identification.low_order_filter import ENGINEERING_STD, PAPER_START
+from scenarios.identification.low_order import ENGINEERING_STD, PAPER_START
+from scenarios.x29.declaration import fly_loop, printed_column, printed_correlation, printed_density, printed_noise, printed_start
 from scenarios.x29.estimating import set_up
-from scenarios.x29.flying import fly_loop
-from scenarios.x29.published import printed_column, printed_correlation, printed_density, printed_noise, printed_start
 from scenarios.x29.study import loop_scenario
 from tests.oracles.printed_tables import is_printed, lines_of, section
 from tests.oracles.short_period_tables import CORRELATION, MISREAD, NAMES, NOISY, ROBUSTNESS, ROWS, expected, numbers, wrong

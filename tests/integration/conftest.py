@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from scenarios.studies.catalogue import load_scenario
-from scenarios.studies.files import write_study
+from scenarios.studies.folder import write_study
 from scenarios.studies.study import run_scenario
 from tests.integration.command_line import VEHICLE, CommandLine
 

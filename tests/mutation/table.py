@@ -39,7 +39,7 @@ ONCE_UNNOTICED = (
         ("np.clip(ratio, 0.01, 100.0)", "np.clip(ratio, 0.001, 100.0)"),
     ),
     *changes(
-        "scenarios/identification/from_files.py",
+        "scenarios/identification/identify.py",
         FROM_FILES,
         ("if method not in FILTERS and found", "if found"),
         ("if method not in FILTERS and", "if method in FILTERS and"),
@@ -53,7 +53,7 @@ ONCE_UNNOTICED = (
         ("replace(request.plan, hold=hold)", "request.plan"),
     ),
     *changes(
-        "scenarios/studies/flying.py",
+        "scenarios/studies/estimating.py",
         FLYING,
         ("if all(plan.kind in SMOOTH", "if any(plan.kind in SMOOTH"),
         ("if all(plan.kind in SMOOTH", "if not all(plan.kind in SMOOTH"),
@@ -542,43 +542,43 @@ SCENARIOS = (
         ("_DEGREE ** (size.deg - due.deg)", "_DEGREE ** (due.deg - size.deg)"),
     ),
     *changes(
-        "scenarios/preparation/airspeed.py",
+        "scenarios/preparation/measured_inputs.py",
         ("tests/unit/scenarios/preparation/test_airspeed.py",),
         ("(1.0 / level - 1.0 / pressure)", "(1.0 / pressure - 1.0 / level)"),
         ('-p["gravity"].value / flow.speed', 'p["gravity"].value / flow.speed'),
     ),
     *changes(
-        "scenarios/preparation/filtering.py",
+        "scenarios/preparation/reading.py",
         ("tests/unit/scenarios/preparation/test_filtering.py",),
         ("0.5 * BELOW_HALF * plan.rate", "BELOW_HALF * plan.rate"),
     ),
     *changes(
-        "scenarios/preparation/trim.py",
+        "scenarios/preparation/measured_inputs.py",
         ("tests/unit/scenarios/preparation/test_trim.py",),
         ("until = max(2, until - 1)", "until = max(2, until)"),
     ),
     *changes(
-        "scenarios/preparation/load_factor.py",
+        "scenarios/preparation/measured_inputs.py",
         ("tests/unit/scenarios/preparation/test_reading.py",),
         ("level < -1.0 / MIDDLE", "level < -MIDDLE"),
     ),
     *changes(
-        "scenarios/preparation/attitude.py",
+        "scenarios/preparation/measured_inputs.py",
         ("tests/unit/scenarios/preparation/test_attitude.py",),
         ("FEWEST = 0.5", "FEWEST = 0.05"),
     ),
     *changes(
-        "scenarios/prediction/predict.py",
-        ("tests/unit/scenarios/prediction/test_predict.py",),
+        "scenarios/prediction.py",
+        ("tests/unit/scenarios/test_predict.py",),
         ("(1.0 - self.figures.nrmse[channel])", "(1.0 - self.figures.nrmse[channel] ** 2)"),
     ),
     *changes(
-        "scenarios/identification/input_reading.py",
+        "scenarios/identification/assessment.py",
         ("tests/unit/scenarios/identification/test_from_files.py",),
         ("MOVED = 1.0", "MOVED = 2.0"),
     ),
     *changes(
-        "scenarios/identification/assessment/bounds.py",
+        "scenarios/identification/assessment.py",
         ("tests/unit/scenarios/identification/test_assessment.py",),
         ('0 if side == "lower" else 1', '1 if side == "lower" else 0'),
     ),
@@ -593,17 +593,17 @@ SCENARIOS = (
         ("np.sqrt(np.maximum(variance, 0.0))", "np.maximum(variance, 0.0)"),
     ),
     *changes(
-        "scenarios/survey/pooled_fits.py",
+        "scenarios/survey/growing.py",
         ("tests/unit/scenarios/survey/test_pooled_fits.py",),
         ("1e30 * np.eye(len(at))) / share", "1e30 * np.eye(len(at))) * share"),
     ),
     *changes(
-        "scenarios/survey/derivatives.py",
+        "scenarios/survey/recurring.py",
         ("tests/unit/scenarios/survey/test_derivatives.py",),
         (" / one.found.probability[number]", ""),
     ),
     *changes(
-        "scenarios/side_by_side/value.py",
+        "scenarios/side_by_side/comparison.py",
         ("tests/unit/scenarios/side_by_side/test_value.py",),
         (
             "(self.estimate - self.reference) / abs(self.reference)",
@@ -612,7 +612,7 @@ SCENARIOS = (
         ("self.true if self.condensed is None else self.condensed", "self.true"),
     ),
     *changes(
-        "scenarios/x29/measures.py",
+        "scenarios/x29/estimating.py",
         ("tests/unit/scenarios/x29/test_measures.py",),
         ("len(power) // 5", "len(power) // 2"),
         (
@@ -621,12 +621,12 @@ SCENARIOS = (
         ),
     ),
     *changes(
-        "scenarios/terminal/display_units.py",
+        "scenarios/terminal/quantities.py",
         ("tests/unit/scenarios/terminal/test_display_units.py",),
         ("value / (2.0 * math.pi)", "value * (2.0 * math.pi)"),
     ),
     *changes(
-        "scenarios/pages/numbers.py",
+        "scenarios/pages/model.py",
         ("tests/unit/scenarios/pages/test_model.py",),
         ("self.signed and self.value >= 0", "self.signed and self.value > 0"),
     ),
@@ -646,8 +646,8 @@ SCENARIOS = (
         ("(high - at) / (most - at)", "(high - at) / most"),
     ),
     *changes(
-        "scenarios/studies/campaign_statistics/bound.py",
-        ("tests/unit/scenarios/studies/campaign_statistics/test_bound.py",),
+        "scenarios/studies/campaign_statistics.py",
+        ("tests/unit/scenarios/studies/test_bound.py",),
         ("width = np.minimum(prior, spread * stated)", "width = spread * stated"),
         ("1.0 - (self.scatter / self.stated) ** 2", "1.0 - self.scatter / self.stated"),
     ),
@@ -680,7 +680,7 @@ SCENARIOS = (
         ("band = 2.0 * unit.factor", "band = unit.factor"),
     ),
     *changes(
-        "scenarios/api/shown/parameters.py",
+        "scenarios/api/shown.py",
         ("tests/unit/scenarios/api/test_results.py",),
         ("self.value - 2.0 * self.sigma", "self.value - self.sigma"),
     ),
@@ -689,7 +689,7 @@ SCENARIOS = (
 # Records from the files of recorders.
 RECORDS = (
     *changes(
-        "scenarios/preparation/gaps.py",
+        "scenarios/preparation/reading.py",
         ("tests/unit/scenarios/preparation/test_gaps.py",),
         ('side="right") - 1, 0, None)', 'side="left") - 1, 0, None)'),
         ("np.where(known, all_parts[:, before], all_parts.mean", "np.where(~known, all_parts[:, before], all_parts.mean"),
@@ -708,7 +708,7 @@ RECORDS = (
         ("if choice.delay:", "if choice.hold:"),
     ),
     *changes(
-        "scenarios/identification/sigma_cautions.py",
+        "scenarios/identification/conditions.py",
         ("tests/unit/scenarios/identification/test_sigma_cautions.py",),
         ("return tuple(dict.fromkeys(failed))", "return tuple(failed)"),
     ),

@@ -15,8 +15,8 @@ from flightid.labs.workings.trying import KEPT
 
 if TYPE_CHECKING:
     from ident.flying_qualities.levels import Level, Quality
-    from scenarios.identification.result import Identification
-    from scenarios.x29.flying import Flown
+    from scenarios.identification.assessment import IdentificationResult
+    from scenarios.x29.declaration import FlownLoop
     from sim.closed_loop.linear import EquivalentSystem
 
 SCENARIO = "x29-flight"
@@ -29,8 +29,8 @@ DELAYS = (0.10, 0.20, 0.25)  # s, largest of levels 1 to 3: MIL-F-8785C 3.5.3
 class Augmented:
     """A flight of the closed loop, the low-order system identified from its record, and the one that fits the loop's own frequency response."""
 
-    flown: Flown
-    found: Identification
+    flown: FlownLoop
+    found: IdentificationResult
     of_loop: EquivalentSystem
     qualities: tuple[Quality, ...]
     levels: tuple[Level, ...]
@@ -49,7 +49,7 @@ def changes(
     )
 
 
-def vehicle_text(flown: Flown) -> str:
+def vehicle_text(flown: FlownLoop) -> str:
     """The vehicle file that the identification is given: the flight condition, and starts from the paper's Table 1, rounded."""
     constants = {"airspeed": flown.x29.airframe.airspeed, "gravity": flown.x29.airframe.gravity, "vane_arm": flown.x29.telemetry.vane_arm}
     starts = {"L_alpha": -1.9, "M_alpha": -14.0, "L_delta": 0.0, "M_delta": 0.38, "L_q": 1.0, "M_q": -3.7, "inv_tau": 8.0, "delay": 0.08}
@@ -61,7 +61,7 @@ def vehicle_text(flown: Flown) -> str:
 def study(asked: tuple[str, ...], seed: int = 1) -> Augmented:
     """Fly the loop, and identify its record as ``flightid identify --model loes`` does. Errors as these."""
     from ident.flying_qualities.levels import levels, qualities
-    from scenarios.x29.flying import fly_loop
+    from scenarios.x29.declaration import fly_loop
     from scenarios.x29.study import loop_scenario
     from sim.closed_loop.linear import equivalent_system
 
@@ -73,14 +73,14 @@ def study(asked: tuple[str, ...], seed: int = 1) -> Augmented:
     return Augmented(flown, found, equivalent_system(flown.x29), of_flying, judged)
 
 
-def _identified(flown: Flown) -> Identification:
+def _identified(flown: FlownLoop) -> IdentificationResult:
     from scenarios.files.measured.record_file import read_record_files
     from scenarios.files.vehicles import read_vehicle
     from scenarios.files.writing import write_record
     from scenarios.identification.identify import identify
+    from scenarios.preparation.declared_model import model_of_file
+    from scenarios.preparation.plan import Request, column_choices
     from scenarios.preparation.reading import prepare
-    from scenarios.preparation.request import Request, column_choices
-    from scenarios.preparation.vehicle_model import model_of_file
 
     with tempfile.TemporaryDirectory(prefix="flightid-") as scratch:
         folder = Path(scratch)
@@ -92,13 +92,13 @@ def _identified(flown: Flown) -> Identification:
         return identify(ready.fitted[0], vehicle, "output-error", (), ready.model)
 
 
-def bare_airframe(flown: Flown) -> np.ndarray:
+def bare_airframe(flown: FlownLoop) -> np.ndarray:
     """Eigenvalues (1/s) of the airframe without its control law, the unstable one last."""
     a = flown.x29.airframe
     return np.sort(np.linalg.eigvals(np.array([[a.L_alpha, a.L_q], [a.M_alpha, a.M_q]])).real)
 
 
-def doubling_time(flown: Flown) -> float:
+def doubling_time(flown: FlownLoop) -> float:
     """Time in which the airframe without its control law doubles a disturbance, s."""
     return math.log(2.0) / float(bare_airframe(flown)[-1])
 

@@ -10,8 +10,8 @@ from flightid.labs.workings.trying import ALONE, repeated, row_of, tried
 
 if TYPE_CHECKING:
     from ident.estimate import FilterHistory
-    from scenarios.studies.campaign import Campaign
-    from scenarios.studies.study import Study
+    from scenarios.studies.campaign import CampaignRuns
+    from scenarios.studies.study import StudyResult
 
 SCENARIO = "ballistic"
 FOOT, POUND_PER_SQUARE_FOOT = 0.3048, 4.88242764  # m; kg/m2
@@ -28,24 +28,24 @@ def changes(start: float = 800.0, spread: float = 300.0, passes: int = 1, noise:
     )
 
 
-def study(asked: tuple[str, ...], seed: int = 1) -> Study:
+def study(asked: tuple[str, ...], seed: int = 1) -> StudyResult:
     """One fall, estimated."""
     return tried(SCENARIO, asked, seed)
 
 
-def campaign(asked: tuple[str, ...], runs: int = 200) -> Campaign:
+def campaign(asked: tuple[str, ...], runs: int = 200) -> CampaignRuns:
     """The same fall measured again and again, ``runs`` times from seed 1."""
     return repeated(SCENARIO, asked, runs, 1)
 
 
-def history_of(found: Study) -> FilterHistory:
+def history_of(found: StudyResult) -> FilterHistory:
     """The filter's course over time."""
     history = found.main.result.estimate.history
     assert history is not None
     return history
 
 
-def awakening(found: Study) -> tuple[float, float]:
+def awakening(found: StudyResult) -> tuple[float, float]:
     """Time (s) and true altitude (m) at which the filter has halved the sigma that it began with."""
     history = history_of(found)
     std = history.std[history.names.index("beta")]

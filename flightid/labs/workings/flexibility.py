@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from flightid.labs.workings.trying import ALONE, row_of, sigmas_off, tried
 
 if TYPE_CHECKING:
-    from scenarios.studies.study import Study
+    from scenarios.studies.study import StudyResult
 
 SCENARIO = "flexible-ac1-equivalent"
 DENSITIES = (0.0, 0.03, 0.1, 0.15, 0.3, 0.6, 1.0)  # (deg/s)^2/s on pitch rate
@@ -26,7 +26,7 @@ def changes(factor: float = 1.0, density: float = 0.0, unit: float = 0.5) -> tup
     )
 
 
-def study(asked: tuple[str, ...], seed: int = 1) -> Study:
+def study(asked: tuple[str, ...], seed: int = 1) -> StudyResult:
     """One flight of the flexible aircraft, estimated with a rigid model."""
     return tried(SCENARIO, asked, seed)
 

@@ -12,8 +12,8 @@ from flightid.labs.workings.trying import repeated, tried
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from scenarios.studies.campaign import Campaign
-    from scenarios.studies.study import Study
+    from scenarios.studies.campaign import CampaignRuns
+    from scenarios.studies.study import StudyResult
     from sim.declaration.model import Model
     from sim.record import Record
 
@@ -38,17 +38,17 @@ def changes(believed: float = 1.0, acting: float = 0.0, told: float = 0.0, metho
     )
 
 
-def campaign(asked: tuple[str, ...], runs: int = 50) -> Campaign:
+def campaign(asked: tuple[str, ...], runs: int = 50) -> CampaignRuns:
     """The flight ``runs`` times, from seed 1."""
     return repeated(SCENARIO, asked, runs, 1)
 
 
-def study(asked: tuple[str, ...], seed: int = 1) -> Study:
+def study(asked: tuple[str, ...], seed: int = 1) -> StudyResult:
     """One of these flights, for its residual."""
     return tried(SCENARIO, asked, seed)
 
 
-def errors(found: Campaign) -> dict[str, np.ndarray]:
+def errors(found: CampaignRuns) -> dict[str, np.ndarray]:
     """Errors of each parameter in its reported sigmas, ``(N,)``."""
     return {
         name: (found.values[i] - spread.reference) / found.std[i] for i, (name, spread) in enumerate(zip(found.names, found.spreads, strict=True))
@@ -58,9 +58,9 @@ def errors(found: Campaign) -> dict[str, np.ndarray]:
 @cache
 def bound() -> Mapping[str, float]:
     """Cramer-Rao bound of each derivative from the sensors' noise alone, by differences of whole noise-free flights: no estimator takes part."""
-    from scenarios.studies.campaign_statistics.bound import cramer_rao
+    from scenarios.studies.campaign_statistics import cramer_rao
     from scenarios.studies.catalogue import load_scenario
-    from scenarios.studies.flying import maneuvers_by_input, true_model
+    from scenarios.studies.estimating import maneuvers_by_input, true_model
     from sim.declaration.model import Noise
     from sim.truth.flight import fly, sample_times
 

@@ -10,7 +10,7 @@ import numpy as np
 from flightid.labs.workings.trying import row_of, sigmas_off, tried
 
 if TYPE_CHECKING:
-    from scenarios.studies.study import Study
+    from scenarios.studies.study import StudyResult
 
 SCENARIO = "rigid"
 OUTPUTS = {"alpha and q": '["alpha", "q"]', "alpha alone": '["alpha"]', "q alone": '["q"]'}
@@ -29,12 +29,12 @@ def changes(kind: str = "3-2-1-1", amplitude: float = 6.0, unit: float = 0.5, ra
     )
 
 
-def study(asked: tuple[str, ...], seed: int = 1) -> Study:
+def study(asked: tuple[str, ...], seed: int = 1) -> StudyResult:
     """One flight, estimated."""
     return tried(SCENARIO, asked, seed)
 
 
-def largest_alpha(found: Study) -> float:
+def largest_alpha(found: StudyResult) -> float:
     """Largest angle of attack of the flight, without noise, deg from trim."""
     return float(np.degrees(np.max(np.abs(found.truth.outputs["alpha"]))))
 

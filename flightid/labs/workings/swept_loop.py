@@ -43,7 +43,7 @@ def study(asked: tuple[str, ...], seed: int = 1) -> SweepStudy:
 def without_excitation(asked: tuple[str, ...], seed: int = 1) -> Responses:
     """The broken-loop response of the same flights by the direct estimate, which does not know the sweep."""
     from scenarios.files.writing import write_record
-    from scenarios.preparation.request import Request
+    from scenarios.preparation.plan import Request
     from scenarios.responses.analysis import Options, responses_of
     from scenarios.responses.reading import Names
 

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
-    from scenarios.studies.campaign import Campaign
+    from scenarios.studies.campaign import CampaignRuns
     from scenarios.studies.rows import Row
-    from scenarios.studies.study import MethodResult, Study
+    from scenarios.studies.study import MethodResult, StudyResult
 
 KEPT = 64  # studies that are remembered: some hundred kB each
 PREFIX = "flightid-"  # of folders for what is computed on files
@@ -32,7 +32,7 @@ class Scratch:
 
 
 @lru_cache(KEPT)
-def tried(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> Study:
+def tried(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> StudyResult:
     """A scenario of estimators flown and estimated with changes as ``--set`` makes them. Errors as ``run_scenario``."""
     from scenarios.studies.catalogue import load_scenario
     from scenarios.studies.study import run_scenario
@@ -41,7 +41,7 @@ def tried(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> 
 
 
 @lru_cache(KEPT)
-def repeated(name: str, changes: tuple[str, ...], runs: int, seed: int | None = None) -> Campaign:
+def repeated(name: str, changes: tuple[str, ...], runs: int, seed: int | None = None) -> CampaignRuns:
     """The same flight measured ``runs`` times and estimated by the main method. Errors as ``fly_campaign``."""
     from scenarios.studies.campaign import fly_campaign
     from scenarios.studies.catalogue import load_scenario
@@ -59,7 +59,7 @@ def row_of(method: MethodResult, name: str) -> Row:
     return next(row for row in method.rows if row.name == name)
 
 
-def residuals(found: Study) -> dict[str, np.ndarray]:
+def residuals(found: StudyResult) -> dict[str, np.ndarray]:
     """What the main method leaves of each output ``(N,)``: of a filter its innovations."""
     estimate = found.main.result.estimate
     z, _ = found.record.output_array(estimate.output_names)

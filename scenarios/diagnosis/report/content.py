@@ -19,9 +19,9 @@ from scenarios.diagnosis.report.tables import derived_of
 from scenarios.diagnosis.report.text import headline, verdict_advice, wording_of
 from scenarios.diagnosis.report.wording import Wording, sentence
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.own_models import channel_units
-from scenarios.files.versions import versions
-from scenarios.preparation.record_words import record_content
+from scenarios.files.sources import versions
+from scenarios.files.user_models import channel_units
+from scenarios.preparation.recording import record_content
 
 if TYPE_CHECKING:
     from scenarios.maneuver_design.design import Design

@@ -14,9 +14,8 @@ from ident.tracing.residual_structure import Leftover, left_over
 from scenarios.diagnosis.overflows import overflow_sentence
 from scenarios.diagnosis.report.declared_only import nothing_stands
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.own_models import is_of_aircraft
-from scenarios.terminal.display_units import shown_in, spaced
-from scenarios.terminal.quantities import CHANNELS, displayed, value_text
+from scenarios.files.user_models import is_of_aircraft
+from scenarios.terminal.quantities import CHANNELS, displayed, shown_in, spaced, value_text
 
 FEW = 2  # parameters whose values are worth comparing between records
 FORMS = {"itself": "{}", "rate": "the rate of {}", "square": "the square of {}", "product": "the product of {} and the {control}"}

@@ -18,15 +18,11 @@ from scenarios.diagnosis.report.pictures.figures import captioned, numbered
 from scenarios.diagnosis.report.pictures.pictured import bounded_series, pictured
 from scenarios.diagnosis.report.pictures.process import Drawer, drawing
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.folders import study_folder
-from scenarios.files.writing import write_json
-from scenarios.kept.kept_model import write_kept
-from scenarios.pages.folder import write_page
-from scenarios.pages.model import Page
-from scenarios.pages.rendering import warm_up
-from scenarios.pages.reproduction import now
-from scenarios.plots.formats import USUAL, Formats
-from scenarios.plots.page.named import gathered
+from scenarios.files.writing import study_folder, write_json
+from scenarios.kept import write_kept
+from scenarios.pages.folder import warm_up, write_page
+from scenarios.pages.model import Page, now
+from scenarios.plots.formats import USUAL, Formats, gathered
 from scenarios.terminal.quantities import UNDETERMINED, determined
 
 MAIN = "diagnosis.json"

@@ -37,7 +37,7 @@ def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
         words = group_sentence(Claim(finding.name, {_parameter(finding): quantity}, finding.group), wording)
         return f"{finding.name} {with_sigma(quantity)}, {words}"
     # What is no effect of the library, a bias or the place of all accelerometers together, has the words of a check.
-    from scenarios.compatibility.text import what_it_is
+    from scenarios.compatibility.report import what_it_is
 
     group = f" ({' or '.join(finding.group)} would do as well)" if finding.group else ""
     return f"{finding.name}, {what_it_is(finding)}{group}"

@@ -7,7 +7,7 @@ from typing import Any
 from ident.flying_qualities.levels import ModeLevel, mode_levels
 from scenarios.diagnosis.report.declared_only import nothing_stands
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.terminal.flying_qualities import changes, level_text, levels_content, levels_heading, limit_text
+from scenarios.terminal.summary import changes, level_text, levels_content, levels_heading, limit_text
 
 LEVEL_HEADINGS = ("before", "after", "remarks")
 Levels = tuple[ModeLevel, ...]

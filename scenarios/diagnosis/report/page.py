@@ -17,15 +17,12 @@ from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.tables import candidate_rows
 from scenarios.diagnosis.report.wording import parameter_text
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.own_models import channel_units
+from scenarios.files.user_models import channel_units
 from scenarios.pages.folder import figures
-from scenarios.pages.model import Block, Bullets, Column, Figure, Fold, Page, Prose, Section, Table, section
-from scenarios.pages.numbers import PURE
-from scenarios.pages.printed import rows_table
-from scenarios.pages.reproduction import reproduction
-from scenarios.pages.tables import p_value
-from scenarios.plots.page.named import Drawn
-from scenarios.preparation.record_words import record_table
+from scenarios.pages.model import PURE, Block, Bullets, Column, Figure, Fold, Page, Prose, Section, Table, reproduction, section
+from scenarios.pages.tables import p_value, rows_table
+from scenarios.plots.formats import Drawn
+from scenarios.preparation.recording import record_table
 from sim.declaration.proposal import GUARD
 
 TONES = {

@@ -10,8 +10,7 @@ from scenarios.diagnosis.noise_words import is_coloured, noise_headings, residua
 from scenarios.diagnosis.report.declared_only import nothing_stands
 from scenarios.diagnosis.report.evidence import scatter_rows
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.terminal.display_units import is_frequency, shown_in
-from scenarios.terminal.quantities import value_text, with_sigma
+from scenarios.terminal.quantities import is_frequency, shown_in, value_text, with_sigma
 
 MOVED = 2.0  # sigmas
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"

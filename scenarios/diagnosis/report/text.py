@@ -29,13 +29,11 @@ from scenarios.diagnosis.report.tables import (
 )
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.own_models import channel_units, is_of_aircraft
-from scenarios.preparation.record_words import record_lines
-from scenarios.terminal.display_units import shown_in
-from scenarios.terminal.paragraphs import WIDTH, wrapped
-from scenarios.terminal.quantities import CHANNELS, value_text
+from scenarios.files.user_models import channel_units, is_of_aircraft
+from scenarios.preparation.recording import record_lines
+from scenarios.terminal.quantities import CHANNELS, shown_in, value_text
 from scenarios.terminal.summary import BELOW, Summary, residual_phrase, summary_lines
-from scenarios.terminal.tables import columns_of, table_lines
+from scenarios.terminal.tables import WIDTH, columns_of, table_lines, wrapped
 
 WORDS = ("parameters", "remarks")  # headings of columns of words, at the left wherever they stand
 

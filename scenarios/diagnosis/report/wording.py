@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from ident.tracing.diagnosis import Claim
-from scenarios.terminal.display_units import spaced
-from scenarios.terminal.quantities import CHANNELS, UNDETERMINED, _number, determined, displayed, with_sigma
+from scenarios.terminal.quantities import CHANNELS, UNDETERMINED, _number, determined, displayed, spaced, with_sigma
 from sim.declaration.proposal import Traits
 
 _NAMED = 2  # parameters that are not determined, up to which each is told

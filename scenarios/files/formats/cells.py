@@ -25,7 +25,7 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Table:
+class CellTable:
     """Columns of one file, nothing interpreted yet.
 
     Attributes
@@ -66,7 +66,7 @@ class Numbers:
     texts: Mapping[int, str]
 
 
-def numbers(table: Table, index: int) -> Numbers:
+def numbers(table: CellTable, index: int) -> Numbers:
     """A column as floats; what is not a number, by the file's decimal mark, is kept apart with its position.
 
     Raises RecordError for a column that holds no sequence of numbers.
@@ -111,7 +111,7 @@ def certain_comma(text: str) -> bool:
     return text.count(",") == 1 and "." not in text and _MARKED.fullmatch(text) is not None and _THOUSANDS.fullmatch(text) is None
 
 
-def mark_fault(table: Table, text: str) -> tuple[str, str] | None:
+def mark_fault(table: CellTable, text: str) -> tuple[str, str] | None:
     """What is wrong with a cell whose points or commas do not go with its file, and the remedy; None where it is something else."""
     if _MARKED.fullmatch(text) is None or not table.separator or not ("," in text or "." in text):
         return None

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.cells import Table, header_cell
+from scenarios.files.formats.cells import CellTable, header_cell
 from scenarios.files.formats.topic import Topic, damaged, missing_library
 from scenarios.files.units import is_unit
 
@@ -39,7 +39,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, kind) from None
     header = tuple(header_cell(frame_header(name), str(path)) for name in names)
-    return (Topic("", Table(str(path), header, tuple(columns), np.arange(1, count + 1))),)
+    return (Topic("", CellTable(str(path), header, tuple(columns), np.arange(1, count + 1))),)
 
 
 def frame_header(name: object) -> str:

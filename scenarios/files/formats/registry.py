@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.files import formats
-from scenarios.files.formats.cells import MISSING, Table, first_line
+from scenarios.files.formats.cells import MISSING, CellTable, first_line
 from scenarios.files.formats.layout import is_number
 from scenarios.files.formats.sizes import refuse_oversized
 from scenarios.files.formats.topic import Reader, Topic, as_module, begins_with
@@ -98,7 +98,7 @@ def _silent() -> Iterator[None]:
         logging.disable(level)
 
 
-def without_empty_tail(table: Table) -> Table:
+def without_empty_tail(table: CellTable) -> CellTable:
     """The table without the rows at its end in which no cell holds anything, as spreadsheets export them."""
     count = table.rows.size
     while count and all(len(column) < count or _is_empty(column[count - 1]) for column in table.columns):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.formats.cells import Table, header_cell
+from scenarios.files.formats.cells import CellTable, header_cell
 from scenarios.files.formats.layout import header_row, unit_row
 from scenarios.files.formats.topic import Topic, damaged, missing_library, no_table
 
@@ -38,7 +38,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     return tuple(Topic(name if len(found) > 1 else "", table) for name, table in found)
 
 
-def _table(path: Path, sheet: str, rows: list[list[Any]]) -> Table | None:
+def _table(path: Path, sheet: str, rows: list[list[Any]]) -> CellTable | None:
     """The table of a sheet, None where no row of numbers follows a header."""
     texts = [["" if cell is None else str(cell) for cell in row] for row in rows]
     first = header_row(texts)
@@ -50,7 +50,7 @@ def _table(path: Path, sheet: str, rows: list[list[Any]]) -> Table | None:
     begin = first + (2 if units else 1)
     kept = [index for index in range(begin, len(rows)) if any(cell.strip() for cell in texts[index][:width])]
     columns = tuple(_column([rows[index][column] for index in kept]) for column in range(width))
-    return Table(f"{path}, sheet {sheet!r}", header, columns, np.array(kept, dtype=int) + 1, units=units)
+    return CellTable(f"{path}, sheet {sheet!r}", header, columns, np.array(kept, dtype=int) + 1, units=units)
 
 
 def _column(cells: list[Any]) -> np.ndarray:

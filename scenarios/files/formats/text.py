@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scenarios.files.formats.cells import MISSING, Table, has_decimal_comma, header_cell
+from scenarios.files.formats.cells import MISSING, CellTable, has_decimal_comma, header_cell
 from scenarios.files.formats.layout import LOOKED_AT, MOST_HEADS, has_number, header_row, heads, is_known, is_number, unit_row, without_brackets
 from scenarios.files.formats.topic import Topic
 from sim.errors import RecordError
@@ -65,7 +65,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     return (Topic("", table, (*notes, *layout.notes, *found, *cut)),)
 
 
-def _without_cut_row(table: Table, text: str) -> tuple[Table, tuple[str, ...]]:
+def _without_cut_row(table: CellTable, text: str) -> tuple[CellTable, tuple[str, ...]]:
     """The table without a last row that the file's end cuts, as a recorder leaves it that lost its
     power, and a sentence on it."""
     last = table.rows.size - 1
@@ -128,7 +128,7 @@ def _large(path: Path, raw: bytes) -> Topic | None:
     return Topic("", found, (*layout.notes, *commented))
 
 
-def _table(path: Path, text: str, layout: Layout) -> tuple[Table, tuple[str, ...]]:
+def _table(path: Path, text: str, layout: Layout) -> tuple[CellTable, tuple[str, ...]]:
     """The table in a text, and a sentence where its header stands in a comment."""
     named, separator, above = layout.named, layout.separator, len(layout.above)
     notes: tuple[str, ...] = ()
@@ -157,7 +157,7 @@ def _table(path: Path, text: str, layout: Layout) -> tuple[Table, tuple[str, ...
     columns = tuple([cells[index] for cells in whole] for index in range(len(header)))
     comma = separator != "," and "," in text and has_decimal_comma(columns)
     rows = np.array([row for row, _ in body], dtype=int)
-    return Table(str(path), header, columns, rows, ragged, units, separator, comma), notes
+    return CellTable(str(path), header, columns, rows, ragged, units, separator, comma), notes
 
 
 def _of_one_width(header: tuple[str, ...], units: tuple[str, ...], body: Rows) -> tuple[tuple[str, ...], tuple[str, ...], Rows]:
@@ -277,7 +277,7 @@ def _cells(line: str, mark: str) -> list[str]:
     return cells[:-1] if mark == "|" and len(cells) > 1 and not cells[-1].strip() else cells
 
 
-def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> Table | None:
+def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> CellTable | None:
     """The table that begins at a byte of a plain file; ``begin``: its first lines, the header's first among them."""
     separator, named = layout.separator, layout.named
     lines = begin.splitlines()[:3]
@@ -296,7 +296,7 @@ def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> 
     if columns is None or len(columns[0]) != raw.count(b"\n", at) + (not raw.endswith(b"\n")):
         return None
     rows = np.arange(len(columns[0])) + len(layout.above) + skipped + 1
-    return Table(str(path), header or _unnamed(layout, width, str(path))[0], tuple(columns), rows, {}, units, separator)
+    return CellTable(str(path), header or _unnamed(layout, width, str(path))[0], tuple(columns), rows, {}, units, separator)
 
 
 def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.ndarray] | None:

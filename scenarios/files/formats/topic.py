@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from scenarios.files.formats.cells import Table, header_cell
+from scenarios.files.formats.cells import CellTable, header_cell
 from sim.errors import RecordError
 
 FIRST_LINES = 4096  # bytes
@@ -29,7 +29,7 @@ class Topic:
     """
 
     name: str
-    table: Table
+    table: CellTable
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -61,7 +61,7 @@ def table_of_columns(
     place: str = "",
     rows: int | None = None,
     unreadable: Mapping[str, str] | None = None,
-) -> Table:
+) -> CellTable:
     """A table of named columns; shorter ones are refused when a channel asks for them.
 
     Parameters
@@ -82,7 +82,7 @@ def table_of_columns(
     faults = {len(vectors) + at: fault for at, fault in enumerate(others.values())}
     under = (*under, *("" for _ in others)) if under else ()
     vectors = (*vectors, *(np.full(count, np.nan) for _ in others))
-    return Table(where, header, vectors, np.arange(1, count + 1), units=under, stated_apart=True, unreadable=faults)
+    return CellTable(where, header, vectors, np.arange(1, count + 1), units=under, stated_apart=True, unreadable=faults)
 
 
 def missing_library(error: ImportError, path: Path, format_name: str, extra: str) -> RecordError:

@@ -1,22 +1,28 @@
-"""Which column of a table is which channel, and in which unit: header cells, channel map and sidecar together."""
+"""Columns of a table as channels with units: headers, channel map and sidecar together."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, split_header
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.declarations import closest
+from scenarios.files.sources import DocumentError, json_value
 from scenarios.files.units import to_si
 from sim.errors import RecordError
+from sim.record import Hold
+
+# ---- Which column of a table is which channel
 
 _SECOND = re.compile(r"(\w[\w.]*)\[1\]")
 
 
 @dataclass(frozen=True)
-class Column:
+class SourceColumn:
     """One channel's column.
 
     Attributes
@@ -61,7 +67,7 @@ def find_column(
     under: Sequence[str] = (),
     *,
     lenient: bool = False,
-) -> Column | None:
+) -> SourceColumn | None:
     """The column of a channel, None if the table has none.
 
     A channel in ``choices`` is looked for under that header alone, or counts as absent. Else
@@ -88,9 +94,9 @@ def find_column(
     for index, cell in enumerate(cells):
         name, unit = split_at(cells, index)
         if name == channel:
-            named.append(Column(channel, header[index], index, default if unit is None else unit or default, inside))
+            named.append(SourceColumn(channel, header[index], index, default if unit is None else unit or default, inside))
         elif name not in known and (word := suffix_unit(cell, channel)) is not None:
-            suffixed.append(Column(channel, header[index], index, word, inside))
+            suffixed.append(SourceColumn(channel, header[index], index, word, inside))
     readable = [column for column in suffixed if _unit_fault(column, file) is None]
     found = named + readable if inside else named or suffixed  # any word is a label
     if len(found) > 1:
@@ -127,7 +133,7 @@ def named_otherwise(channel: str, header: Sequence[str], choices: Mapping[str, C
     if channel in (choices or {}) or any(split_header(cell)[0] == channel for cell in header):
         return False
     words = [(cell, word) for cell in header if (word := suffix_unit(cell, channel)) is not None]
-    return all(_unit_fault(Column(channel, cell, 0, word, inside_unit(channel)), "") is not None for cell, word in words)
+    return all(_unit_fault(SourceColumn(channel, cell, 0, word, inside_unit(channel)), "") is not None for cell, word in words)
 
 
 def missing_column(channel: str, header: Sequence[str], file: str) -> RecordError:
@@ -140,12 +146,12 @@ def missing_column(channel: str, header: Sequence[str], file: str) -> RecordErro
     return RecordError(f"there is no column {channel!r}; the columns are {shown}", where=f"{file}, header", remedy=remedy)
 
 
-def column_place(file: str, column: Column) -> str:
+def column_place(file: str, column: SourceColumn) -> str:
     """``record.csv, column 'alpha_deg'``."""
     return f"{file}, column {column.header!r}"
 
 
-def _with_unit_under(column: Column, under: Sequence[str], file: str, *, said: bool, lenient: bool) -> Column:
+def _with_unit_under(column: SourceColumn, under: Sequence[str], file: str, *, said: bool, lenient: bool) -> SourceColumn:
     """The column in the unit of the row under its header, where that says one; ``said``: the header says one too, and both must be the same."""
     told = under[column.index] if under else ""
     if lenient and told and _unit_fault(replace(column, unit=told), file) is not None:
@@ -165,7 +171,7 @@ def _same_unit(one: str, other: str, inside: str) -> bool:
         return False
 
 
-def _sound(column: Column, file: str) -> Column:
+def _sound(column: SourceColumn, file: str) -> SourceColumn:
     """The column, if its unit can be converted."""
     fault = _unit_fault(column, file)
     if fault is not None:
@@ -175,7 +181,7 @@ def _sound(column: Column, file: str) -> Column:
 
 def _mapped(
     channel: str, choice: ColumnChoice, header: Sequence[str], file: str, default: str, inside: str, under: Sequence[str], *, lenient: bool
-) -> Column:
+) -> SourceColumn:
     assert isinstance(choice.column, str)  # numbers are resolved before
     found = [index for index, cell in enumerate(header) if cell == choice.column]
     found = found or [index for index, cell in enumerate(header) if split_header(cell)[0] == choice.column]
@@ -187,13 +193,13 @@ def _mapped(
         raise RecordError(f"{len(found)} columns are headed {choice.column!r}", where=f"{file}, header", remedy="rename all but one of them")
     cell = header[found[0]]
     if choice.unit is not None:
-        return _sound(Column(channel, cell, found[0], choice.unit or default, inside), file)
+        return _sound(SourceColumn(channel, cell, found[0], choice.unit or default, inside), file)
     unit = split_at(header, found[0])[1]
-    column = Column(channel, cell, found[0], unit or default, inside)
+    column = SourceColumn(channel, cell, found[0], unit or default, inside)
     return _sound(_with_unit_under(column, under, file, said=bool(unit), lenient=lenient), file)
 
 
-def _unit_fault(column: Column, file: str) -> RecordError | None:
+def _unit_fault(column: SourceColumn, file: str) -> RecordError | None:
     if not column.inside:
         return None
     try:
@@ -201,3 +207,95 @@ def _unit_fault(column: Column, file: str) -> RecordError | None:
     except RecordError as fault:
         return fault
     return None
+
+
+# ---- The JSON beside a record
+
+SCHEMA = "flightid/record/1"
+KEYS = ("schema", "name", "hold", "units", "origin")
+_AWAY = "mend it, or move it away where it does not belong to the record"
+SIMULATED = "simulated"  # the value of the key ``origin``
+
+
+@dataclass(frozen=True)
+class Sidecar:
+    """What a record's JSON says.
+
+    Attributes
+    ----------
+    name : the record's name, None if it says none.
+    hold : how the inputs behave between samples.
+    says_hold : whether the file says so, or ``hold`` is only the default.
+    simulated : whether a program made the data; figures say so.
+    units : channel -> unit of a column whose header carries none.
+    file : name of the JSON file; empty where there is none.
+    """
+
+    name: str | None = None
+    hold: Hold = Hold.PREVIOUS
+    units: Mapping[str, str] = field(default_factory=dict)
+    says_hold: bool = False
+    simulated: bool = False
+    file: str = ""
+
+
+def sidecar_path(record: Path) -> Path:
+    """``record.json`` beside ``record.csv`` or ``record.csv.gz``."""
+    plain = record.with_suffix("") if record.suffix.lower() == ".gz" else record
+    return plain.with_suffix(".json")
+
+
+def read_sidecar(record: Path) -> Sidecar:
+    """The sidecar of a record file; the default one where there is none, or where that JSON is of another program.
+
+    Raises
+    ------
+    RecordError : it cannot be read or is damaged, or it is a record's and says something that cannot be used.
+    """
+    path = sidecar_path(record)
+    try:
+        raw = path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError):
+        return Sidecar()
+    except OSError as error:
+        raise RecordError(f"cannot be read ({error.strerror or error})", where=str(path), remedy=_AWAY) from None
+    try:
+        content = json_value(raw)
+    except DocumentError as error:
+        raise RecordError(str(error), where=str(path), remedy=_AWAY) from None
+    return _sidecar_of(content, path) if isinstance(content, dict) else Sidecar()
+
+
+def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
+    """The content of a record's JSON, checked."""
+    schema = content.get("schema")
+    if not isinstance(schema, str) or not schema.startswith("flightid/"):
+        ours = [key for key in ("hold", "units") if key in content]
+        if ours and not isinstance(schema, str):
+            what = f"it has the key {ours[0]} and no schema"
+            raise RecordError(what, where=f"{path}, key schema", remedy=f'add "schema": "{SCHEMA}", or move the file away')
+        return Sidecar()
+    if schema != SCHEMA:
+        raise RecordError(f"schema {schema!r} is not known here", where=f"{path}, key schema", remedy=f"write the record again as {SCHEMA}")
+    for key in content:
+        if key not in KEYS:
+            raise RecordError("there is no such key", where=f"{path}, key {key!r}", remedy=closest(key, KEYS))
+    name, hold, units = content.get("name"), content.get("hold", Hold.PREVIOUS.value), content.get("units", {})
+    if name is not None and not isinstance(name, str):
+        raise RecordError(f"{name!r} is no name", where=f"{path}, key name", remedy="write a text")
+    if hold not in [kind.value for kind in Hold]:
+        raise RecordError(f"hold {hold!r} is not known", where=f"{path}, key hold", remedy="write previous or linear")
+    if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
+        raise RecordError("a unit is not a text", where=f"{path}, key units", remedy='write {"alpha": "rad", ...}')
+    if not isinstance(content.get("origin", ""), str):
+        raise RecordError("the origin is not a text", where=f"{path}, key origin", remedy=f"write {SIMULATED}, or leave it out")
+    return Sidecar(name, Hold(hold), units, "hold" in content, content.get("origin") == SIMULATED, path.name)
+
+
+def refuse_unknown_units(sidecar: Sidecar, header: Sequence[str], record: Path, known: Collection[str]) -> None:
+    """Raise RecordError for a unit of what is neither a channel of ``known`` nor a column under ``header``."""
+    for name in sidecar.units:
+        if name in known or any(split_header(cell)[0] == name or suffix_unit(cell, name) for cell in header):
+            continue
+        where = f"{sidecar_path(record)}, key units"
+        raise RecordError(f"there is no channel {name!r}", where=where, remedy=closest(name, [*known, *(cell for cell in header if cell)]))

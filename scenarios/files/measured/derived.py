@@ -16,7 +16,7 @@ import numpy as np
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME, is_clock, split_header
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.declarations import closest
-from scenarios.files.formats.cells import Table, numbers
+from scenarios.files.formats.cells import CellTable, numbers
 from scenarios.files.formats.topic import Topic
 from scenarios.files.measured.clock import (
     SECONDS,
@@ -111,7 +111,7 @@ def source_columns(
     return tuple(sorted({index for each in wanted for _, index in each.places.values()}))
 
 
-def clock_place(table: Table) -> int | None:
+def clock_place(table: CellTable) -> int | None:
     """The column that is the clock of a table: ``time`` before other names of clocks, before a first
     column without a name that holds dates, as pandas writes an index; None where there is none."""
     named = [index for index, cell in enumerate(table.header) if is_clock(split_header(cell)[0])]
@@ -132,7 +132,7 @@ def holds_dates(column: Sequence[object] | np.ndarray) -> bool:
     return bool(filled) and times_of_texts(filled) is not None
 
 
-def clock_of(table: Table, index: int, unit: str | None = None) -> Clock:
+def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
     """The stamps of a table's clock in seconds.
 
     Parameters
@@ -159,7 +159,7 @@ def clock_of(table: Table, index: int, unit: str | None = None) -> Clock:
     return Clock(np.asarray(to_si(values, said, "s", f"{table.file}, column {table.header[index]!r}")))
 
 
-def stated_unit(table: Table, index: int) -> str | None:
+def stated_unit(table: CellTable, index: int) -> str | None:
     """The unit that a header, the row under it or a clock's name states; None where nothing does."""
     name, unit = split_at(table.header, index)
     under = table.units[index] if table.units else ""
@@ -174,7 +174,7 @@ def stated_unit(table: Table, index: int) -> str | None:
     return counter_unit(name) or (suffix if suffix in SECONDS else None)
 
 
-def _is_computed(choice: ColumnChoice, table: Table) -> bool:
+def _is_computed(choice: ColumnChoice, table: CellTable) -> bool:
     if isinstance(choice.column, int) or choice.computed:
         return True
     headers = {cell for cell in table.header} | {split_header(cell)[0] for cell in table.header}
@@ -269,7 +269,7 @@ def _computed(
     return replace(file, table=wider, notes=tuple(notes)), new
 
 
-def _clock_index(table: Table, choices: Mapping[str, ColumnChoice]) -> int | None:
+def _clock_index(table: CellTable, choices: Mapping[str, ColumnChoice]) -> int | None:
     choice = choices.get(TIME)
     if choice is not None and isinstance(choice.column, str):
         return next((n for n, cell in enumerate(table.header) if choice.column in (cell, split_header(cell)[0])), None)
@@ -375,7 +375,7 @@ def _merged(
         choices[each.channel] = ColumnChoice(each.channel, unit)
         if note:
             notes.append(f"{each.channel}: {note}")
-    table = Table(str(file.path), tuple(header), tuple(columns), np.arange(1, grid.size + 1))
+    table = CellTable(str(file.path), tuple(header), tuple(columns), np.arange(1, grid.size + 1))
     single = replace(file, table=table, topics=(), notes=(*file.notes, *notes))
     return single, choices
 

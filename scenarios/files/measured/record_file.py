@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.formats.cells import Table
+from scenarios.files.formats.cells import CellTable
 from scenarios.files.formats.registry import topics_of
 from scenarios.files.formats.topic import Topic
-from scenarios.files.measured.sidecar import Sidecar, read_sidecar
+from scenarios.files.measured.columns import Sidecar, read_sidecar
 from scenarios.files.sources import MOST_RECORD, InputFile, read_source, resolved
 from sim.errors import RecordError
 
@@ -27,7 +27,7 @@ class RecordFile:
     """
 
     path: Path
-    table: Table
+    table: CellTable
     sidecar: Sidecar
     identity: InputFile
     choices: Mapping[str, ColumnChoice] = field(default_factory=dict)
@@ -72,10 +72,10 @@ def with_names(file: RecordFile, names: Sequence[str]) -> RecordFile:
     return replace(file, table=replace(file.table, header=tuple(name.strip() for name in names)))
 
 
-def _headers_of(path: Path, topics: Sequence[Topic]) -> Table:
+def _headers_of(path: Path, topics: Sequence[Topic]) -> CellTable:
     """A table without rows that has all columns of a log, for messages."""
     header = tuple(f"{topic.name}.{cell}" for topic in topics for cell in topic.table.header)
-    return Table(str(path), header, tuple(np.zeros(0) for _ in header), np.zeros(0, dtype=int))
+    return CellTable(str(path), header, tuple(np.zeros(0) for _ in header), np.zeros(0, dtype=int))
 
 
 def read_record_files(records: Iterable[Path | RecordFile]) -> tuple[RecordFile, ...]:

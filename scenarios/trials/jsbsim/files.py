@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.versions import versions
+from scenarios.files.sources import versions
 from scenarios.files.writing import write_json, write_record
 from scenarios.trials.jsbsim.declaration import JsbsimFlight
 from scenarios.trials.jsbsim.derivatives import Slopes

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field
 
 from scenarios.files.declarations import checked, closest
-from scenarios.files.vehicles_schema import STRICT
-from scenarios.studies.scenario_file.quantities import Quantity, positive, si
+from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
+from scenarios.studies.schema import Quantity, positive, si
 from scenarios.trials.jsbsim.aircraft import CONDITIONS, known_aircraft
 from scenarios.trials.jsbsim.declaration import CONTROLS, DURATIONS, MANEUVERS, OUTPUTS, SURFACES, JsbsimFlight
 from sim.errors import DeclarationError
@@ -18,7 +18,7 @@ SHORTEST, FASTEST = 8.0, 400.0  # s, Hz
 
 
 class _Jsbsim(BaseModel):
-    model_config = STRICT
+    model_config = VEHICLES_SCHEMA_STRICT
 
     schema_: Literal["flightid/scenario/1"] = Field(alias="schema")
     kind: Literal["jsbsim"]

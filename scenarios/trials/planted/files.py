@@ -10,10 +10,9 @@ from typing import Any
 from scenarios.diagnosis.report.content import bounded, positive, test_content
 from scenarios.diagnosis.report.files import write_diagnosis, write_prediction
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.folders import study_folder
-from scenarios.files.own_models import channel_units
-from scenarios.files.versions import versions
-from scenarios.files.writing import write_json, write_record
+from scenarios.files.sources import versions
+from scenarios.files.user_models import channel_units
+from scenarios.files.writing import study_folder, write_json, write_record
 from scenarios.pages.model import Page
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.trials.planted.flights import write_flown

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.flying import held_alike, maneuvers_by_input, resting
+from scenarios.studies.estimating import held_alike, maneuvers_by_input, resting
 from scenarios.trials.planted.declaration import RecordPlan, TraceFlight, TraceScenario
 from scenarios.trials.planted.hiding import CLOSED_LOOP, true_vehicle, with_breakout, with_hidden
 from sim.closed_loop.airframe import X29

@@ -29,7 +29,7 @@ def own_terms(package_name: str = TERMS) -> Mapping[str, Effect]:
 
 def true_vehicle(flight: TraceFlight) -> Model:
     """The vehicle of a flight without what is hidden."""
-    from scenarios.studies.flying import vehicle_model
+    from scenarios.studies.estimating import vehicle_model
 
     if flight.own is not None:
         return flight.own.with_noise(Noise(flight.noise_std))

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.files.declarations import read_toml_source
-from scenarios.files.own_models import inputs_at_rest, own_numbers, read_own_model
+from scenarios.files.user_models import inputs_at_rest, own_numbers, read_own_model
 from scenarios.files.vehicles import MODELS, refuse_unknown_model, with_priors
-from scenarios.identification.own_model.example_motion import Motion, doublet_motion
-from scenarios.preparation.vehicle_model import RESOLVED, root_sizes, step_of
+from scenarios.identification.model_checks import Motion, doublet_motion
+from scenarios.preparation.declared_model import RESOLVED, root_sizes, step_of
 from scenarios.trials.planted.flights import off
 from scenarios.trials.planted.own_words import hidden_of, maneuver_words, noise_of
 from sim.declaration.compile import compile_model

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from scenarios.files.declarations import closest
-from scenarios.files.documents import DocumentError, toml_value
-from scenarios.files.own_models import unit_in
-from scenarios.identification.own_model.example_motion import BETWEEN, Motion
+from scenarios.files.sources import DocumentError, toml_value
+from scenarios.files.user_models import unit_in
+from scenarios.identification.model_checks import BETWEEN, Motion
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.flying import KINDS, maneuver_of
-from scenarios.studies.scenario_file.quantities import positive, si
+from scenarios.studies.estimating import KINDS, maneuver_of
+from scenarios.studies.schema import positive, si
 from scenarios.trials.planted.hiding import find_term
 from sim.declaration.model import Model
 from sim.effects.library import effects_for

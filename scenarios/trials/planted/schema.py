@@ -8,13 +8,11 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, Field
 
 from scenarios.files.declarations import checked
+from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.files.vehicles import MODELS
-from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.scenario_file.flight import maneuver_plans, own_vehicle_of, refuse_other_equations
-from scenarios.studies.scenario_file.own import model_files
-from scenarios.studies.scenario_file.quantities import Quantity, positive, si, standard_deviations
-from scenarios.studies.scenario_file.schema import Maneuver, model_name
+from scenarios.studies.reading import maneuver_plans, model_files, own_vehicle_of, refuse_other_equations
+from scenarios.studies.schema import ManeuverTable, Quantity, model_name, positive, si, standard_deviations
 from scenarios.trials.planted.declaration import Expectation, HiddenTerm, RecordPlan, TraceFlight, TraceScenario
 from scenarios.trials.planted.hiding import hidden_units
 from sim.declaration.model import Model
@@ -25,12 +23,12 @@ DISTANCES = ("nothing missing", "effect missing", "effect of another form missin
 
 
 class _Strict(BaseModel):
-    model_config = STRICT
+    model_config = VEHICLES_SCHEMA_STRICT
 
 
 class _Record(_Strict):
     duration: Quantity
-    maneuvers: list[Maneuver] = []
+    maneuvers: list[ManeuverTable] = []
 
 
 class _Flight(_Strict):

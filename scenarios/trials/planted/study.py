@@ -14,7 +14,7 @@ from ident.tracing.later_record import Predicted, predict
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.keeping import SPIKES
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.preparation.request import Request
+from scenarios.preparation.plan import Request
 from scenarios.trials.planted.comparable import (
     Comparable,
     Truth,

@@ -7,12 +7,10 @@ from dataclasses import replace
 from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands, shown_columns, shown_rows
 from scenarios.diagnosis.report.tables import short
 from scenarios.diagnosis.report.text import details_text, diagnosis_summary
-from scenarios.files.own_models import channel_units
-from scenarios.terminal.display_units import shown_in, told, unit_cell
-from scenarios.terminal.paragraphs import WIDTH, wrapped
-from scenarios.terminal.quantities import value_text
+from scenarios.files.user_models import channel_units
+from scenarios.terminal.quantities import shown_in, told, unit_cell, value_text
 from scenarios.terminal.summary import BELOW, Summary, summary_lines
-from scenarios.terminal.tables import Column, columns_of, table_lines
+from scenarios.terminal.tables import WIDTH, TableColumn, columns_of, table_lines, wrapped
 from scenarios.trials.planted.comparable import TRUE
 from scenarios.trials.planted.hiding import hidden_units
 from scenarios.trials.planted.study import Grade, Scored, TraceStudy
@@ -63,7 +61,7 @@ def mode_rows(study: TraceStudy) -> list[tuple[str, ...]]:
     return [_estimate_cells(row) for row in study.modes]
 
 
-def against_truth(study: TraceStudy) -> list[Column]:
+def against_truth(study: TraceStudy) -> list[TableColumn]:
     """The derivatives before and after, against what the fitted model should find; without a column that says nothing new.
 
     Of the declared model alone where no effect was added to it.

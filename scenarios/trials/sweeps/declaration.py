@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field
 
 from scenarios.files.declarations import checked
-from scenarios.files.vehicles_schema import STRICT
-from scenarios.studies.scenario_file.quantities import Quantity, positive, si
+from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
+from scenarios.studies.schema import Quantity, positive, si
 from sim.errors import DeclarationError
 
 MOST_SAMPLES = 200_000  # of all flights together
@@ -67,7 +67,7 @@ class SweepScenario:
 
 
 class _Roll(BaseModel):
-    model_config = STRICT
+    model_config = VEHICLES_SCHEMA_STRICT
 
     gain: Quantity
     inv_T_roll: Quantity
@@ -78,7 +78,7 @@ class _Roll(BaseModel):
 
 
 class _Excitation(BaseModel):
-    model_config = STRICT
+    model_config = VEHICLES_SCHEMA_STRICT
 
     amplitude: float = Field(gt=0)
     low: Quantity
@@ -88,14 +88,14 @@ class _Excitation(BaseModel):
 
 
 class _Noise(BaseModel):
-    model_config = STRICT
+    model_config = VEHICLES_SCHEMA_STRICT
 
     gyro: Quantity = 0.0
     rough_air: Quantity = 0.0
 
 
 class _Sweep(BaseModel):
-    model_config = STRICT
+    model_config = VEHICLES_SCHEMA_STRICT
 
     schema_: Literal["flightid/scenario/1"] = Field(alias="schema")
     kind: Literal["sweep"]

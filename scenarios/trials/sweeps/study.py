@@ -12,19 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from scenarios.files.folders import study_folder
-from scenarios.files.versions import versions
-from scenarios.files.writing import write_json, write_record, write_text
+from scenarios.files.sources import versions
+from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.pages.folder import figures as figure_blocks
 from scenarios.pages.folder import write_page
-from scenarios.pages.model import Block, Bullets, Page, Prose, section
-from scenarios.pages.printed import printed_blocks
-from scenarios.pages.reproduction import now, reproduction
-from scenarios.pages.tables import estimates_table
-from scenarios.pages.wording import capital, sentence
-from scenarios.plots.formats import USUAL, Formats
-from scenarios.plots.page.named import Drawn
-from scenarios.preparation.request import Request
+from scenarios.pages.model import Block, Bullets, Page, Prose, as_sentence, capital, now, reproduction, section
+from scenarios.pages.tables import estimates_table, printed_blocks
+from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.preparation.plan import Request
 from scenarios.responses.analysis import Options, Responses, responses_of
 from scenarios.responses.files import responses_csv
 from scenarios.responses.fitting import FitOptions
@@ -33,10 +28,9 @@ from scenarios.responses.reading import Names
 from scenarios.responses.text import fit_columns, fit_lines, loop_tables
 from scenarios.studies.comparison import SCHEMA, estimate_content
 from scenarios.studies.rows import Row
-from scenarios.terminal.numbers import console, number
-from scenarios.terminal.paragraphs import print_paragraph
+from scenarios.terminal.quantities import console, number_text
 from scenarios.terminal.summary import BELOW, Summary, print_summary
-from scenarios.terminal.tables import Column, print_table
+from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
 from scenarios.trials.sweeps.declaration import SweepScenario
 from scenarios.trials.sweeps.flight import fly_sweep, true_margins, true_parameters
 from sim.record import Record
@@ -145,19 +139,19 @@ def sweep_summary(study: SweepStudy, details: str) -> Summary:
     inside = sum(abs(row.sigmas) <= 2.0 for row in study.rows if row.sigmas is not None)
     known = sum(row.sigmas is not None for row in study.rows)
     shown = [row for row in study.rows if row.name in ("gain_increase", "phase_margin")]
-    margins = "; ".join(f"{row.name.replace('_', ' ')} {number(row.estimate, row.std)} {row.unit}" for row in shown)
+    margins = "; ".join(f"{row.name.replace('_', ' ')} {number_text(row.estimate, row.std)} {row.unit}" for row in shown)
     return Summary(f"{s.name}: {flown}", f"{inside} of {known} true values within two sigmas", margins, details=details)
 
 
-def truth_columns(study: SweepStudy) -> list[Column]:
+def truth_columns(study: SweepStudy) -> list[TableColumn]:
     """The table of estimates against the truth."""
     rows = []
     for row in study.rows:
         true = "" if row.true is None else f"{row.true:.5g}"
         error = "" if row.sigmas is None else f"{row.sigmas:+.2f}"
-        rows.append([row.name, row.unit, true, number(row.estimate, row.std), number(row.std, row.std), error])
+        rows.append([row.name, row.unit, true, number_text(row.estimate, row.std), number_text(row.std, row.std), error])
     headings = ("quantity", "unit", "true", "estimate", "+- sigma", "error, sigmas")
-    return [Column(head, [row[n] for row in rows], left=head in ("quantity", "unit")) for n, head in enumerate(headings)]
+    return [TableColumn(head, [row[n] for row in rows], left=head in ("quantity", "unit")) for n, head in enumerate(headings)]
 
 
 def model_lines(study: SweepStudy) -> list[str]:
@@ -181,8 +175,8 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
         write_text(scratch / "responses.csv", heads[0][0] + "\n" + "".join(rest for _, _, rest in heads))
         drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.page.drawing import drawn_for_page
-            from scenarios.plots.responses import figure_margins, figure_mismatch, figure_response
+            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.low_order import figure_margins, figure_mismatch, figure_response
 
             named: list[tuple[str, Any]] = [("response", partial(figure_response, study.response or study.loop))]
             if study.response is not None:
@@ -225,8 +219,8 @@ def sweep_page(study: SweepStudy, drawn: tuple[Drawn, ...]) -> Page:
     if loop is not None:
         for title, columns in loop_tables(loop):
             margins += printed_blocks(partial(print_table, title=title, columns=columns))
-        margins.append(Bullets(tuple(map(sentence, margin_lines(loop)))))
-    model: list[Block] = [Prose(sentence(line)) for line in model_lines(study)]
+        margins.append(Bullets(tuple(map(as_sentence, margin_lines(loop)))))
+    model: list[Block] = [Prose(as_sentence(line)) for line in model_lines(study)]
     if study.response is not None:
         model += printed_blocks(partial(print_table, title="Parameters", columns=fit_columns(study.response, 0, 0)))
     return Page(
@@ -234,9 +228,9 @@ def sweep_page(study: SweepStudy, drawn: tuple[Drawn, ...]) -> Page:
         kind=f"Study {scenario.name}: frequency response, model and margins of a loop",
         verdict="estimated",
         tone="good",
-        sentence=sentence(summary.outcome),
-        summary=(sentence(summary.result),),
-        warnings=tuple(map(sentence, cautions(study))),
+        sentence=as_sentence(summary.outcome),
+        summary=(as_sentence(summary.result),),
+        warnings=tuple(map(as_sentence, cautions(study))),
         sections=(
             *section("Against the truth", estimates_table("Parameters and margins", study.rows)),
             *section("Transfer function", *model),

@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.terminal.display_units import DEGREES
-from scenarios.terminal.numbers import number
-from scenarios.terminal.quantities import CHANNELS
+from scenarios.terminal.quantities import CHANNELS, DEGREES, number_text
 from scenarios.watching.rows import OUTPUTS
 from scenarios.watching.session import UNITS, Step
 from scenarios.watching.table import HANGING, WORDS, CrossValidation
@@ -48,12 +46,12 @@ def status(state: str, sentence: str, numbers: Mapping[str, float]) -> str:
 
 
 def _item(each: CrossValidation) -> dict[str, Any]:
-    told = HANGING if each.hanging else f"{number(each.value, each.std)} ± {number(each.std, each.std)}"
+    told = HANGING if each.hanging else f"{number_text(each.value, each.std)} ± {number_text(each.std, each.std)}"
     out: dict[str, Any] = {"name": each.name, "word": WORDS.get(each.name, each.name), "unit": "" if each.unit == "1" else each.unit, "told": told}
     out |= {} if each.hanging else {"value": _number(each.value), "std": _number(each.std)}
     if each.reference is not None:
         value, std = each.reference
-        out |= {"reference": _number(value), "reference_std": _number(std), "reference_told": f"{number(value, std)} ± {number(std, std)}"}
+        out |= {"reference": _number(value), "reference_std": _number(std), "reference_told": f"{number_text(value, std)} ± {number_text(std, std)}"}
         out |= {} if each.z is None else {"off": round(each.z, 2), "outside": each.beyond}
     return out
 

@@ -80,7 +80,7 @@ def test_the_command_line_gives_the_same_numbers(addresses: Mapping[int, str], p
 def test_a_copy_of_ones_own_runs_too(servers: Servers, page: Page, tmp_path: Path) -> None:
     import sys
 
-    from scenarios.commands.lab import copy_lab
+    from scenarios.commands.libraries import copy_lab
     from tests.browser.serving import free_port
 
     own, port = copy_lab(1, tmp_path / "mine"), free_port()

@@ -13,13 +13,11 @@ import pytest
 from scenarios.studies.catalogue import load_document, load_scenario, scenario_names, scenario_text
 from scenarios.studies.comparison import comparison
 from scenarios.studies.declaration import Estimation, ManeuverPlan, PublishedChoice, Start
-from scenarios.studies.estimating import assumed_noise, declared_model, vehicle_constants
-from scenarios.studies.flying import DISTANCES, true_model
-from scenarios.studies.notes import flexibility_sentences
+from scenarios.studies.estimating import DISTANCES, assumed_noise, declared_model, true_model, vehicle_constants
 from scenarios.studies.published import published_remark, published_values
-from scenarios.studies.study import MethodResult, Study, run_scenario
+from scenarios.studies.study import MethodResult, StudyResult, flexibility_sentences, run_scenario
 from scenarios.studies.text import print_study
-from scenarios.terminal.numbers import as_text
+from scenarios.terminal.quantities import as_text
 from sim.errors import DeclarationError
 from sim.vehicles import factory
 from sim.vehicles.factory import linearise
@@ -52,7 +50,7 @@ every_scenario = pytest.mark.parametrize("name", scenario_names("identification"
 
 
 @cache
-def study(name: str) -> Study:
+def study(name: str) -> StudyResult:
     return run_scenario(load_scenario(name))
 
 

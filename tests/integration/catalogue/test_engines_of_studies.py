@@ -12,15 +12,15 @@ import pytest
 from ident.banks.delays import BATCHED, FILTERPY
 from ident.filters.ekf import FilterSettings, run_ekf, run_iterated_ekf
 from ident.flying_qualities.levels import flown_as
+from scenarios.identification.assessment import Options
+from scenarios.identification.files import identification_content
 from scenarios.identification.identify import identify
-from scenarios.identification.report.files import identification_content
-from scenarios.identification.result import Options
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.declared_model import model_of_file
 from scenarios.studies.catalogue import load_scenario, scenario_names
 from scenarios.studies.comparison import comparison
 from scenarios.studies.study import run_scenario
 from scenarios.studies.text import print_study
-from scenarios.terminal.numbers import as_text
+from scenarios.terminal.quantities import as_text
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.printing import print_loop
 from scenarios.x29.study import loop_scenario, run_loop

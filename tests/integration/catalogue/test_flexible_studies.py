@@ -14,16 +14,13 @@ import pytest
 
 from ident.statistics.information import determination
 from ident.whole_record.layout import weighted_sensitivities
-from scenarios.side_by_side.responses import read_responses
+from scenarios.side_by_side.comparison import read_responses
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.comparison import comparison
-from scenarios.studies.estimating import assumed_noise, biased_system, declared_model, flight_constants
-from scenarios.studies.files import write_study
-from scenarios.studies.flying import fly_scenario, true_model
-from scenarios.studies.study import Study, run_scenario
-from scenarios.studies.sweep.content import sweep_content, sweep_csv
-from scenarios.studies.sweep.criteria import _begins, criteria_of
-from scenarios.studies.sweep.sweep import Sweep, sweep_flexibility
+from scenarios.studies.estimating import assumed_noise, biased_system, declared_model, flight_constants, fly_scenario, true_model
+from scenarios.studies.folder import write_study
+from scenarios.studies.study import StudyResult, run_scenario
+from scenarios.studies.sweep import Sweep, _begins, criteria_of, sweep_content, sweep_csv, sweep_flexibility
 from sim.errors import DeclarationError
 from sim.vehicles.factory import linearise
 from sim.vehicles.flexibility import condense, with_frequency_factor
@@ -34,7 +31,7 @@ COARSE = ("flight.rate=20 Hz", "flight.step=0.005")
 
 
 @pytest.fixture(scope="module")
-def swept() -> tuple[Study, Sweep]:
+def swept() -> tuple[StudyResult, Sweep]:
     scenario = load_scenario("flexibility-sweep", [*COARSE, "sweep.frequency_factors=[4.0, 1.0, 0.5]"])
     study = run_scenario(scenario)
     sweep = sweep_flexibility(scenario, study.record, study.seed)
@@ -50,7 +47,7 @@ def test_half_the_frequencies_are_the_second_aircraft() -> None:
         with_frequency_factor(read_parameter_set("bomber_rigid"), 0.5)
 
 
-def test_the_sweep_passes_through_the_scenarios_own_flight(swept: tuple[Study, Sweep]) -> None:
+def test_the_sweep_passes_through_the_scenarios_own_flight(swept: tuple[StudyResult, Sweep]) -> None:
     study, sweep = swept
     for method, found in zip(study.methods, sweep.point(1.0).methods, strict=True):
         assert found.names == method.result.estimate.names
@@ -58,7 +55,7 @@ def test_the_sweep_passes_through_the_scenarios_own_flight(swept: tuple[Study, S
         assert {row.name: row.condensed for row in method.rows} == pytest.approx({name: found.condensed[name] for name in found.names})
 
 
-def test_a_stiff_structure_is_the_rigid_aircraft_and_a_soft_one_is_not(swept: tuple[Study, Sweep]) -> None:
+def test_a_stiff_structure_is_the_rigid_aircraft_and_a_soft_one_is_not(swept: tuple[StudyResult, Sweep]) -> None:
     _, sweep = swept
     for point in sweep.points:
         scaled = with_frequency_factor(read_parameter_set("bomber_ac1"), point.frequency_factor)
@@ -71,7 +68,7 @@ def test_a_stiff_structure_is_the_rigid_aircraft_and_a_soft_one_is_not(swept: tu
     assert max(moved) > 0.5
 
 
-def test_criteria_find_where_a_rigid_model_fails(swept: tuple[Study, Sweep]) -> None:
+def test_criteria_find_where_a_rigid_model_fails(swept: tuple[StudyResult, Sweep]) -> None:
     _, sweep = swept
     found = {each.name: each for each in criteria_of(sweep.points)}
     assert set(found) == {"likelihood", "whiteness", "misfit"}
@@ -94,7 +91,7 @@ def test_a_limit_is_passed_for_good_or_not_at_all() -> None:
     assert _begins(places, [1.0, 2.0, 3.0, -1.0], 0.0, False) is None
 
 
-def test_the_sweep_is_written_as_strict_json_and_as_a_table(swept: tuple[Study, Sweep]) -> None:
+def test_the_sweep_is_written_as_strict_json_and_as_a_table(swept: tuple[StudyResult, Sweep]) -> None:
     study, sweep = swept
     content = json.loads(json.dumps(comparison(replace(study, sweep=sweep)), allow_nan=False))["sweep"]
     assert content == json.loads(json.dumps(sweep_content(sweep)))

@@ -11,8 +11,8 @@ import pytest
 
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.studies.catalogue import load_document, load_scenario, scenario_kind, scenario_names, scenario_text
-from scenarios.studies.flying import vehicle_model
-from scenarios.studies.scenario_file.quantities import unit_of
+from scenarios.studies.estimating import vehicle_model
+from scenarios.studies.schema import unit_of
 from scenarios.trials.planted.declaration import Expectation, TraceScenario
 from scenarios.trials.planted.flights import fly_trace, write_flown
 from scenarios.trials.planted.hiding import OWN, own_terms

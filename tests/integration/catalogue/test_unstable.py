@@ -13,13 +13,11 @@ from scipy.stats import binom
 from ident.statistics.intervals import clopper_pearson
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.declaration import Scenario
-from scenarios.studies.estimating import estimate_record
-from scenarios.studies.files import write_study
-from scenarios.studies.flying import fly_scenario, true_model
-from scenarios.studies.repeated import Scatter, fly_repeatedly
-from scenarios.studies.study import run_scenario
+from scenarios.studies.estimating import estimate_record, fly_scenario, true_model
+from scenarios.studies.folder import write_study
+from scenarios.studies.study import Scatter, fly_repeatedly, run_scenario
 from scenarios.studies.text import _print_repeated, print_study
-from scenarios.terminal.numbers import console
+from scenarios.terminal.quantities import console
 from sim.errors import DeclarationError
 from sim.vehicles.factory import linearise
 

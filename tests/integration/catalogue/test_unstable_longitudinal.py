@@ -13,8 +13,8 @@ from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.vehicles import read_vehicle
 from scenarios.files.writing import write_record
 from scenarios.identification.identify import identify
-from scenarios.preparation.request import Request
-from scenarios.studies.flying import vehicle_model
+from scenarios.preparation.plan import Request
+from scenarios.studies.estimating import vehicle_model
 from sim.declaration.model import Model, Noise
 from sim.maneuvers import Maneuver, Sum, doublet, step, three_two_one_one
 from sim.record import Record

@@ -13,13 +13,11 @@ import pytest
 from ident.banks.delays import BATCHED, FILTERPY, agreement
 from scenarios.studies.catalogue import scenario_names, scenario_text
 from scenarios.x29.content import loop_comparison
-from scenarios.x29.estimating import set_up
+from scenarios.x29.declaration import fly_loop, printed_column
+from scenarios.x29.estimating import run_over_seeds, set_up
 from scenarios.x29.files import write_loop
 from scenarios.x29.findings import bias_rows, not_identifiable, sentences
-from scenarios.x29.flying import fly_loop
-from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, loop_scenario, response_check, run_loop, starting_values
-from scenarios.x29.variants import run_over_seeds
 from scenarios.x29.verdicts import HALF_FRAME, verdicts
 from sim.closed_loop.linear import EquivalentSystem, equivalent_system
 from sim.errors import DeclarationError

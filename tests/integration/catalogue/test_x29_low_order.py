@@ -12,7 +12,7 @@ from ident.flying_qualities.levels import qualities
 from ident.frequency_response.multitaper import estimate_response, fit_response
 from ident.statistics.noise_levels import noise_envelope
 from ident.statistics.residuals import compare_estimates
-from scenarios.identification.low_order_filter import PAPER_START, SIMULATION_SHARE, loes_filter_system
+from scenarios.identification.low_order import PAPER_START, SIMULATION_SHARE, loes_filter_system
 from sim.closed_loop.airframe import X29, load_x29
 from sim.closed_loop.linear import EquivalentSystem, equivalent_system
 from sim.closed_loop.nonlinear import fly_closed_loop, three_two_one_one

@@ -15,13 +15,12 @@ from rich.console import Console
 
 from ident.banks.bank import filter_alone
 from ident.banks.delays import DELAYS
-from scenarios.side_by_side.reading import read_columns
-from scenarios.x29.declaration import METHODS
+from scenarios.side_by_side.comparison import read_columns
+from scenarios.x29.declaration import METHODS, printed_column, printed_correlation, printed_noise
+from scenarios.x29.estimating import plain_restarts
 from scenarios.x29.files import write_loop
-from scenarios.x29.methods import plain_restarts
-from scenarios.x29.paper.printing import print_paper
-from scenarios.x29.paper.sentences import noise_sentence, paper_sentences, prior_sentence
-from scenarios.x29.published import printed_column, printed_correlation, printed_noise
+from scenarios.x29.findings import noise_sentence, paper_sentences, prior_sentence
+from scenarios.x29.printing import print_paper
 from scenarios.x29.study import LoopStudy, loop_scenario, run_loop
 from sim.errors import DeclarationError
 from tests.oracles.short_period_tables import NAMES, ROWS, numbers

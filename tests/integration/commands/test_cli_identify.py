@@ -22,7 +22,7 @@ from scenarios.files.writing import write_record
 from scenarios.identification.identify import identify
 from scenarios.identification.methods import METHODS
 from scenarios.studies.catalogue import load_scenario
-from scenarios.studies.flying import fly_scenario
+from scenarios.studies.estimating import fly_scenario
 from sim.record import Hold
 from tests.integration.command_line import CommandLine, contents
 

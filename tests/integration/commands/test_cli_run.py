@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from scenarios.files.records import read_record
-from scenarios.plots.page.captions import caption_of
+from scenarios.plots.formats import caption_of
 from scenarios.studies.catalogue import load_scenario, scenario_names
-from scenarios.terminal.numbers import number
+from scenarios.terminal.quantities import number_text
 from sim.effects.library import effect_names
 from sim.vehicles.library import vehicle_names
 from tests.integration.command_line import CommandLine, contents
@@ -174,7 +174,12 @@ def test_run_prints_true_estimate_and_published(flightid: CommandLine, rigid_fol
     printed = flightid.done("run", "rigid")
     for name, row in strict(rigid_folder / "comparison.json")["parameters"].items():
         line = next(line for line in printed.splitlines() if f" {name} " in line)
-        for text in (f"{row['true']:.5g}", number(row["estimate"], row["std"]), f"{row['error_sigmas']:+.2f}", f"{row['published']['value']:.5g}"):
+        for text in (
+            f"{row['true']:.5g}",
+            number_text(row["estimate"], row["std"]),
+            f"{row['error_sigmas']:+.2f}",
+            f"{row['published']['value']:.5g}",
+        ):
             assert text in line
 
 
@@ -225,7 +230,7 @@ def test_a_failure_while_writing_leaves_the_older_study_whole(flightid: CommandL
     def broken(*_: object) -> None:
         raise RuntimeError("in the middle")
 
-    monkeypatch.setattr("scenarios.studies.files.write_history", broken)
+    monkeypatch.setattr("scenarios.studies.folder.write_history", broken)
     call = flightid("run", scenario, "--no-figures", "--seed", 2, "--out", out)
     assert call.code == 1 and call.err.count("\n") == 1 and "internal error: RuntimeError: in the middle" in call.err
     assert contents(tmp_path) == before

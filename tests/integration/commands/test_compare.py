@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.side_by_side.responses import read_responses
+from scenarios.side_by_side.comparison import read_responses
 from tests.integration.command_line import CommandLine, contents
 
 NAMES = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")

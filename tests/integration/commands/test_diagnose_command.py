@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from scenarios.cli import main
-from scenarios.commands.arguments import each_validated
+from scenarios.commands.failures import each_validated
 from scenarios.files.writing import write_record
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.declared_model import model_of_file
 from sim.declaration.model import Noise
 from sim.maneuvers import three_two_one_one
 from sim.truth.flight import fly, sample_times

@@ -15,11 +15,9 @@ import pytest
 
 from ident.tracing.loop import diagnose
 from scenarios.cli import app, main
-from scenarios.cli.application import COMMANDS
-from scenarios.cli.completion import METHOD_NAMES
-from scenarios.cli.examples import EXAMPLES
-from scenarios.cli.telling import Told, telling
-from scenarios.commands.run import documents_of
+from scenarios.cli.application import COMMANDS, EXAMPLES
+from scenarios.cli.options import METHOD_NAMES, OutputOptions, telling
+from scenarios.commands.studies import documents_of
 from scenarios.diagnosis import diagnose as on_files
 from scenarios.identification.methods import METHODS
 from tests.integration.command_line import CommandLine
@@ -54,7 +52,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.chdir(tmp_path_factory.mktemp("examples"))
         patch.setattr(on_files, "_loop", lambda _: one_candidate)
         patch.setattr(on_files, "_kinematics", lambda *_: None)
-        patch.setattr("scenarios.tasks.manner.available_cores", lambda: 1)
+        patch.setattr("scenarios.tasks.study.available_cores", lambda: 1)
         for line in [line for examples in EXAMPLES.values() for line, _ in examples]:
             assert typed(line)[::2] == (0, ""), line
         yield Path.cwd()
@@ -141,7 +139,7 @@ def test_quiet_tells_the_warnings_of_a_study_on_the_other_stream(tmp_path: Path,
     with telling(tmp_path, ("png",), quiet=True, as_json=False, documents=["study.json"]) as told:
         print("a table")
         (tmp_path / "study.json").write_text('{"warnings": ["the vane sticks"]}')
-    assert told == Told(tmp_path, ("png",), progress=False)
+    assert told == OutputOptions(tmp_path, ("png",), progress=False)
     assert capsys.readouterr() == ("", "flightid: warning: the vane sticks\n")
 
 

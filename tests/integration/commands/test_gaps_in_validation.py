@@ -14,7 +14,7 @@ import pytest
 
 from scenarios.files.vehicles import read_vehicle
 from scenarios.files.writing import write_record
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.declared_model import model_of_file
 from sim.declaration.model import Noise
 from sim.maneuvers import doublet, sequence, three_two_one_one
 from sim.record import Channel, Record

@@ -189,7 +189,7 @@ def test_a_signal_that_ends_leaves_nothing_temporary(place: Path, number: signal
 def test_a_signal_that_is_ignored_stays_ignored() -> None:
     code = (
         "import os, signal, sys\n"
-        "from scenarios.cli.signals import ending_signals\n"
+        "from scenarios.cli.application import ending_signals\n"
         "signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
         "with ending_signals() as came:\n"
         "    os.kill(os.getpid(), signal.SIGHUP)\n"

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from scenarios.commands.failures import report
-from scenarios.files.documents import DEEPEST, DocumentError, json_value, toml_value
-from scenarios.files.python_files import run_python
-from scenarios.files.sources import read_source
+from scenarios.files.declarations import run_python
+from scenarios.files.sources import DEEPEST, DocumentError, json_value, read_source, toml_value
 from scenarios.files.units import to_si
 from sim.errors import DeclarationError, RecordError
 from tests.integration.command_line import VEHICLE, CommandLine, contents

@@ -10,7 +10,7 @@ import pytest
 
 from scenarios.commands.libraries import COLUMNS
 from scenarios.diagnosis.candidates import can_act
-from scenarios.files.own_models import read_own_model
+from scenarios.files.user_models import read_own_model
 from scenarios.files.vehicles import MODELS
 from scenarios.files.writing import write_record
 from sim.declaration.effect import Effect

@@ -12,15 +12,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from scenarios.files.own_models import read_own_model
 from scenarios.files.records import read_record
+from scenarios.files.user_models import read_own_model
 from scenarios.files.vehicles import read_vehicle
 from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.catalogue import scenario_text, with_changes
-from scenarios.studies.flying import EVER, held_alike, maneuvers_by_input
-from scenarios.studies.scenario_file.flight import maneuver_plans
-from scenarios.studies.scenario_file.reading import scenario_of
-from scenarios.studies.scenario_file.schema import Maneuver
+from scenarios.studies.estimating import EVER, held_alike, maneuvers_by_input
+from scenarios.studies.reading import maneuver_plans, scenario_of
+from scenarios.studies.schema import ManeuverTable
 from scenarios.studies.study import run_scenario
 from scenarios.trials.planted.flights import off
 from scenarios.trials.planted.own_flight import OwnFlight, study_document
@@ -132,8 +131,8 @@ def test_a_model_rests_where_its_file_says(flightid: CommandLine, tmp_path: Path
 
 
 def test_steps_beside_a_smooth_maneuver_are_all_held() -> None:
-    steps = Maneuver(input="aileron", kind="doublet", amplitude=0.1, unit=0.5, start=1.0)
-    smooth = Maneuver(input="rudder", kind="multisine", amplitude=0.1, duration=4.0, harmonics=[1, 3])
+    steps = ManeuverTable(input="aileron", kind="doublet", amplitude=0.1, unit=0.5, start=1.0)
+    smooth = ManeuverTable(input="rudder", kind="multisine", amplitude=0.1, duration=4.0, harmonics=[1, 3])
     time = np.arange(0.0, 5.0, 0.1)
     plans = maneuver_plans([steps, smooth], "here", "lateral")
     flown = maneuvers_by_input(plans, ["aileron", "rudder"], "here", {"rudder": 0.02})

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from scenarios.files.own_models import is_of_aircraft, read_own_model
+from scenarios.files.user_models import is_of_aircraft, read_own_model
 from tests.integration.command_line import CommandLine
 from tests.own_models import ROLL, SHORT_PERIOD, model_file
 

@@ -14,8 +14,8 @@ from types import SimpleNamespace
 import pytest
 
 import flightid as fid
-from scenarios.cli.telling import telling
-from scenarios.files.folders import study_folder
+from scenarios.cli.options import telling
+from scenarios.files.writing import study_folder
 from scenarios.trials.planted import study
 from tests.integration.command_line import CommandLine
 from tests.integration.commands.test_cli_run import small

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import flightid as fid
+from scenarios.cli.record_commands import EXAMPLE
 from scenarios.files.vehicles import read_vehicle
 from scenarios.files.writing import write_record
-from scenarios.preparation.vehicle_model import model_of_file
-from scenarios.survey.example import EXAMPLE
+from scenarios.preparation.declared_model import model_of_file
 from sim.declaration.effect import full_name
 from sim.declaration.model import Noise
 from sim.effects.library import effects_for

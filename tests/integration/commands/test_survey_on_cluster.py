@@ -14,10 +14,8 @@ from typing import Any
 import pytest
 
 import flightid as fid
-from scenarios.survey.flights import read_flights
-from scenarios.survey.growing import flown
-from scenarios.survey.on_cluster import sent
-from scenarios.survey.one_flight import Diagnoses, kept_of
+from scenarios.survey.flights import Diagnoses, kept_of, read_flights
+from scenarios.survey.growing import flown, sent
 from sim.errors import FlightidError
 from tests.integration.command_line import CommandLine
 from tests.integration.commands.test_survey_command import HEAD, LATE, short_flights
@@ -73,7 +71,7 @@ def test_ctrl_c_keeps_the_flights_that_have_come(cluster: Cluster, fleet: Path) 
 def test_a_worker_that_does_not_see_the_records_is_one_line(
     flightid: CommandLine, cluster: Cluster, fleet: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("scenarios.survey.on_cluster.sent", lambda work: replace(sent(work), place=fleet / "other"))
+    monkeypatch.setattr("scenarios.survey.growing.sent", lambda work: replace(sent(work), place=fleet / "other"))
     call = flightid("survey", "flights.toml", "--cluster", cluster.address, "--out", "out")
     line = call.err.splitlines()[-1]
     assert call.code == 2 and line.endswith("put the flights on a disk that every worker sees at the same path")
@@ -89,7 +87,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(flightid: CommandLine, fle
 
 def test_a_failure_says_where_the_flights_are_kept(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def lost(*given: Any) -> Iterator[list[Any]]:
-        from scenarios.tasks.running import run_block
+        from scenarios.tasks.processes import run_block
         from scenarios.tasks.work import Task
 
         yield run_block(given[0], [Task(0, 0)])

@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from scenarios.cli.application import COMMANDS
-from scenarios.studies.scenario_file import schema
+from scenarios.studies import schema
 from tests.integration.command_line import CommandLine
 from tests.integration.documents.snippets import DOCUMENTS, MOST_NOT_RUN, NOT_RUN, ROOT, SLOW, Reader, blocks, is_run, name_of, snippets, why_not_run
 from tests.recorders import flights, quadrotor
@@ -83,7 +83,7 @@ def test_links_lead_somewhere(path: Path) -> None:
 SECTIONS: dict[str, type[BaseModel]] = {
     "The file": schema.ScenarioTable,
     "`[flight]`": schema.FlightTable,
-    "`[[flight.maneuvers]]`": schema.Maneuver,
+    "`[[flight.maneuvers]]`": schema.ManeuverTable,
     "`[estimate]`": schema.EstimateTable,
     "`[[methods]]`": schema.MethodTable,
     "`[methods.flight]`": schema.OtherFlightTable,

@@ -16,7 +16,7 @@ from exam.detection import WEAK, Alarm, Detection, Finding
 from exam.random_cases.case import Case, CaseScore, Named
 from exam.repeated import LoopFlights, fly_all
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from scenarios.tasks.manner import Manner
+from scenarios.tasks.study import Manner
 from tests.diagnoses import tracing_of
 
 

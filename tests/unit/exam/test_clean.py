@@ -9,7 +9,7 @@ import pytest
 
 from exam.clean import MODELS, CleanRun, clean_rows
 from exam.random_cases.examination import write_clean
-from scenarios.studies.campaign_statistics.bound import cramer_rao
+from scenarios.studies.campaign_statistics import cramer_rao
 from sim.declaration import own_model
 from sim.declaration.model import Model
 from sim.record import Channel, Record

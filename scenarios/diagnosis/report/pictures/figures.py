@@ -8,12 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenarios.plots.page.named import Drawn
+from scenarios.plots.formats import Drawn
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+from scenarios.plots.display import Pictured
 from scenarios.plots.formats import USUAL, Formats
-from scenarios.plots.tracing.pictured import Pictured
 
 # File stem and caption, in the order of the report; further records get a number behind the stem.
 CAPTIONS = {
@@ -33,16 +33,14 @@ DECLARED_CAPTIONS = {
 
 def draw_diagnosis(pictured: Pictured, folder: Path, formats: Formats = USUAL) -> None:
     """Draw all figures into ``folder``, in every format and for the page."""
-    from scenarios.plots.page.drawing import leave_for_page
+    from scenarios.plots.drawing import leave_for_page
 
     leave_for_page(figures_of(pictured), folder, formats)
 
 
 def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
     """File stems of all figures, and what makes each."""
-    from scenarios.plots.tracing.derivatives import figure_derivatives
-    from scenarios.plots.tracing.evidence import figure_evidence
-    from scenarios.plots.tracing.residuals import figure_held_out, figure_residuals, figure_spectra
+    from scenarios.plots.tracing import figure_derivatives, figure_evidence, figure_held_out, figure_residuals, figure_spectra
 
     kind, noise = pictured.kind, pictured.noise
     out: list[tuple[str, Callable[[], Figure]]] = []
@@ -58,7 +56,7 @@ def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
     if pictured.before and pictured.after:
         out.append(("derivatives", partial(figure_derivatives, pictured.before, pictured.after, "Derivatives")))
     if pictured.replicated:
-        from scenarios.plots.tracing.replication import figure_replication
+        from scenarios.plots.tracing import figure_replication
 
         out.append(("replication", partial(figure_replication, pictured.replicated, "Parameters by record")))
     return out

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
+from scenarios.plots.display import Pictured, Replicated, Standing
 from scenarios.plots.formats import USUAL, Formats
-from scenarios.plots.tracing.pictured import Pictured, Replicated
-from scenarios.plots.tracing.reasons import Standing
 from sim.record import Channel, Hold, Record
 
 

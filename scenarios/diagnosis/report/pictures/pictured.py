@@ -8,9 +8,7 @@ from ident.tracing.diagnosis import Prediction, Verdict
 from scenarios.diagnosis.report.data_words import kind_of_predicted, record_labels
 from scenarios.diagnosis.report.declared_only import as_declared
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
-from scenarios.plots.tracing.pictured import Pictured, Replicated
-from scenarios.plots.tracing.reasons import Standing
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, Pictured, Replicated, Standing
 
 LARGEST = 1e30  # what a number that has run away is written as: it reads back everywhere, and its square is finite
 

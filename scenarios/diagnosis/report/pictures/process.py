@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from scenarios.plots.formats import USUAL, Formats
 
 if TYPE_CHECKING:
-    from scenarios.plots.tracing.pictured import Pictured
+    from scenarios.plots.display import Pictured
 
 _AHEAD, _NOW, _END = "ahead", "now", "end"  # drawn by one process beside the search, by two when it has ended; nothing more comes
 
@@ -109,7 +109,7 @@ class Drawer:
 
 
 def _without_evidence(pictured: Pictured) -> Pictured:
-    from scenarios.plots.tracing.reasons import Standing
+    from scenarios.plots.display import Standing
 
     return replace(pictured, candidates=(), standing=Standing())
 
@@ -162,9 +162,8 @@ def main() -> None:
     from ident.tracing.diagnosis import Quantity
     from scenarios.diagnosis.report.pictures.figures import draw_diagnosis, figures_of
     from scenarios.diagnosis.report.pictures.handover import unpacked
-    from scenarios.plots.files import figure_png
-    from scenarios.plots.page.drawing import leave_for_page
-    from scenarios.plots.tracing.derivatives import figure_derivatives
+    from scenarios.plots.drawing import figure_png, leave_for_page
+    from scenarios.plots.tracing import figure_derivatives
 
     one = {name: Quantity(1.0, 0.1, "1") for name in ("Cm_alpha", "CL_q", "alpha", "nz")}
     figure_png(figure_derivatives(one, one, "warm-up"))  # fonts, symbols and backend are loaded by the first figure

@@ -20,7 +20,7 @@ from exam.every_effect.work import EveryEffect, scored_flight_of
 from exam.repeated import fly_all
 from exam.scores.scored_flight import Outcome, Standing
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.tasks.manner import Manner
+from scenarios.tasks.study import Manner
 from tests.diagnoses import tracing_of
 
 

@@ -14,7 +14,7 @@ from exam.surrogates.flights.flying import fly_drawn, fly_draws
 from exam.surrogates.flights.many_flights import fly_side_by_side
 from exam.surrogates.joint_fit import fit_together
 from exam.surrogates.pseudo_true import has_limit, pseudo_true
-from scenarios.preparation.airspeed import with_flow
+from scenarios.preparation.measured_inputs import with_flow
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.effects.disturbance.gust_turbulence import GustTurbulence

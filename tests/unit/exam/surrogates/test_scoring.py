@@ -29,7 +29,7 @@ from exam.surrogates.text import surrogate_text
 from ident.tracing.diagnosis import Claim, Prediction, Quantity, Verdict
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.studies.catalogue import scenario_kind
-from scenarios.tasks.manner import Manner
+from scenarios.tasks.study import Manner
 from scenarios.tasks.work import seed_of
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError

@@ -16,7 +16,7 @@ from exam.surrogates.catalogue import load_surrogate, surrogate_names
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.records import read_record
 from scenarios.files.vehicles import read_vehicle
-from scenarios.tasks.manner import Manner
+from scenarios.tasks.study import Manner
 from sim.record import Hold
 from tests.diagnoses import tracing_of
 

@@ -158,7 +158,7 @@ def drawn_estimate(model: str, share: float) -> tuple[System, Estimate]:
 
 def test_load_factor_slope_is_that_of_the_closed_form() -> None:
     """With the low-order system's derivatives by another way, L_alpha for lift that angle of attack makes (a negative number there)."""
-    from scenarios.preparation.vehicle_model import model_of_file
+    from scenarios.preparation.declared_model import model_of_file
     from tests.diagnoses import LOES
 
     system = compile_model(model_of_file(LOES))

@@ -15,8 +15,8 @@ from ident.frequency_domain.noise_spectrum import coloured, equal_bands
 from ident.frequency_domain.output_error import FrequencySettings, fit_frequency_domain, frequency_fit, from_best_start
 from ident.statistics.intervals import clustered_share
 from ident.whole_record.output_error import fit_output_error
-from scenarios.identification.frequency import delays_of
-from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias
+from scenarios.identification.conditions import delays_of
+from scenarios.preparation.declared_model import model_of_file, outputs_with_bias
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
 from sim.errors import ModelError

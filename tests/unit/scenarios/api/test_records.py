@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import flightid as fid
-from scenarios.api.records.record import record_of
+from scenarios.api.record import record_of
 from scenarios.files.writing import write_record
 from sim import record as sim_record
 from sim.errors import FlightidError

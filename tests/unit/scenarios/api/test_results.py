@@ -10,8 +10,8 @@ import pytest
 
 import flightid as fid
 from ident.tracing.diagnosis import Verdict
-from scenarios.api.shown import html
-from scenarios.api.shown.parameters import Parameter
+from scenarios.api import tables
+from scenarios.api.shown import Parameter
 from tests.diagnoses import diagnosis_of, measured_record, spread_tracing, tracing_of
 
 SHORT = 1000  # letters
@@ -119,7 +119,7 @@ def test_libraries_are_tables(table: type) -> None:
 
 def test_any_text_stands_in_a_page_as_it_is() -> None:
     rude = "<script>alert('&')</script>"
-    assert shown(html.page(rude, html.sentences([rude]), html.table([rude], [[rude]]))).count(rude) == 4
+    assert shown(tables.page(rude, tables.sentences([rude]), tables.table([rude], [[rude]]))).count(rude) == 4
     record = fid.read_record({"time": [0.0, 1.0], rude: [1.0, 2.0], "alpha": ["x", 1.0]}, name=rude)
     texts = shown(record._repr_html_())
     assert rude in texts and any("'x' is not a number" in text for text in texts) and len(repr(record)) < SHORT

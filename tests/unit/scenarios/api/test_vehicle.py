@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import flightid as fid
 from scenarios.api.vehicle import toml_text
 from scenarios.files.vehicles import read_vehicle
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.declared_model import model_of_file
 from sim.vehicles.factory import model_of
 from sim.vehicles.library import read_parameter_set, vehicle_names
 from tests.integration.command_line import VEHICLE

@@ -17,9 +17,8 @@ from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.vehicles import VehicleFile, read_vehicle
-from scenarios.preparation.plan import Plan, Segment
-from scenarios.preparation.request import Request
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.declared_model import model_of_file
+from scenarios.preparation.plan import Plan, Request, Segment
 from sim.declaration.proposal import Traits
 from sim.errors import FlightidError
 from sim.record import Record

@@ -16,7 +16,7 @@ from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.preparation.request import Request
+from scenarios.preparation.plan import Request
 from sim.errors import DeclarationError
 from sim.record import Record
 from tests.diagnoses import RIGID, diagnosis_of, tracing_of, written_inputs

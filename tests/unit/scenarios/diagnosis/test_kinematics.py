@@ -32,8 +32,7 @@ from scenarios.diagnosis.report.wording import Wording
 from scenarios.files.measured.record_file import read_record_files
 from scenarios.files.vehicles import read_any_vehicle
 from scenarios.files.writing import json_text, write_record
-from scenarios.preparation.plan import Segment
-from scenarios.preparation.request import Request
+from scenarios.preparation.plan import Request, Segment
 from sim.maths import G0
 from sim.record import Channel, Record
 from tests.diagnoses import measured_record, tracing_of

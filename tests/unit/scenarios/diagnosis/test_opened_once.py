@@ -14,8 +14,7 @@ import pytest
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from scenarios.compatibility.check import check_files
 from scenarios.diagnosis.diagnose import diagnose_files
-from scenarios.preparation.plan import Plan, Segment
-from scenarios.preparation.request import Request
+from scenarios.preparation.plan import Plan, Request, Segment
 from sim.record import Record
 from tests.diagnoses import RIGID, diagnosis_of, written_inputs
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.files.constraints import side_at
+from scenarios.files.user_models import side_at
 from scenarios.files.vehicles import VehicleFile, read_vehicle
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.declared_model import model_of_file
 from sim.declaration.model import Tie
 from sim.errors import DeclarationError
 from tests.own_models import ROLL, model_file

@@ -10,8 +10,7 @@ from typing import Any
 
 import pytest
 
-from scenarios.files.folders import study_folder
-from scenarios.files.writing import write_json
+from scenarios.files.writing import study_folder, write_json
 from sim.errors import FlightidError
 
 MAIN = "comparison.json"

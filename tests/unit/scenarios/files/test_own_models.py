@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from scenarios.files.channels import ColumnChoice, read_channel_map
-from scenarios.files.own_models import channel_units, is_model_file, read_own_model
 from scenarios.files.records import read_record
 from scenarios.files.units import is_unit, to_si
+from scenarios.files.user_models import channel_units, is_model_file, read_own_model
 from scenarios.files.vehicles import MODELS, VehicleFile, read_vehicle
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.declared_model import model_of_file
 from sim.errors import DeclarationError, RecordError
 from tests.own_models import ROLL, SPRING, model_file
 

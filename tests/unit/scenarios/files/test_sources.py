@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.cli.completion import MODEL_NAMES
+from scenarios.cli.options import MODEL_NAMES
 from scenarios.files.measured.record_file import read_record_file, read_with_validation, refuse_twice
 from scenarios.files.records import read_record
+from scenarios.files.schemas import SCHEMAS
 from scenarios.files.sources import read_source
 from scenarios.files.vehicles import MODELS, read_any_vehicle, read_vehicle
-from scenarios.files.vehicles_schema import SCHEMAS
 from sim.errors import DeclarationError, RecordError
 
 FIRST = b"time,q\n0,1\n1,2\n"

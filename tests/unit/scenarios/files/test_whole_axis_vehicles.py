@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from scenarios.files.vehicles import read_any_vehicle, read_vehicle
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.declared_model import model_of_file
 from sim.errors import DeclarationError
 from tests.whole_axes import CONSTANTS, TRUE, vehicle_text
 

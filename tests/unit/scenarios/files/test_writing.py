@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scenarios.files.records import read_record
 from scenarios.files.writing import file_stems, json_text, unportable, write_json, write_record
 from scenarios.studies.catalogue import IDENTIFICATION, load_document, load_scenario, scenario_kind, scenario_names
-from scenarios.studies.scenario_file.reading import scenario_of
+from scenarios.studies.reading import scenario_of
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Channel, Hold, Record
 

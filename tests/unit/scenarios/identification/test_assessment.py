@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
-from scenarios.files.constraints import Constraints
+from scenarios.files.user_models import Constraints
 from scenarios.files.vehicles import VehicleFile
-from scenarios.identification.assessment.content import constraints_content, fits_content, intervals_content
-from scenarios.identification.assessment.prediction import RecordFit
-from scenarios.identification.assessment.text import bound_lines, fit_lines, interval_lines
-from scenarios.identification.figures import figure_spectra, identification_figures
+from scenarios.identification.assessment import IdentificationResult, Options, RecordFit
+from scenarios.identification.files import figure_spectra, identification_figures
 from scenarios.identification.identify import identify
-from scenarios.identification.result import Identification, Options
+from scenarios.identification.report import bound_lines, constraints_content, fit_lines, fits_content, interval_lines, intervals_content
 from sim.declaration.model import Tie
 from sim.errors import DeclarationError
 from sim.record import Channel, Hold, Record
@@ -138,7 +136,7 @@ def test_spectra_of_a_record_with_gaps() -> None:
     assert len(drawn) == 2 and all(np.allclose(curve, expected) for curve in drawn)
 
 
-def drawn(found: Identification, measured: Record) -> set[str]:
+def drawn(found: IdentificationResult, measured: Record) -> set[str]:
     return {stem for stem, make in identification_figures(found, measured) if make().axes}
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scenarios.identification.identify import identify
-from scenarios.identification.report.noise import estimated_noise, noise_phrase
+from scenarios.identification.report import estimated_noise, noise_phrase
 from tests.every_model import case_of
 
 

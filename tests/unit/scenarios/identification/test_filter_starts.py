@@ -14,13 +14,11 @@ from exam.coverage.estimators import write_flight
 from exam.coverage.independent_flights import flown, maneuver, motion
 from ident.estimate import Outcome
 from ident.filters.ekf import settled
-from scenarios.identification.cautions import cautions_of
-from scenarios.identification.from_files import identify_files
-from scenarios.identification.identify import identify
+from scenarios.identification.assessment import IdentificationResult
+from scenarios.identification.conditions import cautions_of
+from scenarios.identification.identify import identify, identify_files
 from scenarios.identification.methods import LEAST_NOISE
-from scenarios.identification.result import Identification
-from scenarios.preparation.plan import Plan
-from scenarios.preparation.request import Request
+from scenarios.preparation.plan import Plan, Request
 from sim.errors import RecordError
 from sim.record import Hold, Record
 from tests.every_model import Case, case_of
@@ -37,7 +35,7 @@ def started(case: Case, factor: float, true: Mapping[str, float]) -> Case:
 
 
 @cache
-def usual(model: str, method: str) -> Identification:
+def usual(model: str, method: str) -> IdentificationResult:
     case = case_of(model)
     return identify(case.record, case.vehicle, method)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
+from scenarios.identification.assessment import IdentificationResult
 from scenarios.identification.identify import identify
 from scenarios.identification.methods import forced
-from scenarios.identification.result import Identification
 from sim.record import Channel, Record
 from tests.bases import three_two_one_one
 from tests.every_model import case_of
@@ -33,12 +33,12 @@ def rolled_in_rough_air(seed: int) -> Record:
     return Record(time, moved, (Channel.of("p", "rad/s", p), Channel.of("phi", "rad", phi)), case.record.hold, "rough.csv")
 
 
-def identified(seed: int, method: str) -> Identification:
+def identified(seed: int, method: str) -> IdentificationResult:
     case = case_of("own")
     return identify(rolled_in_rough_air(seed), case.vehicle, method)
 
 
-def off(found: Identification) -> list[float]:
+def off(found: IdentificationResult) -> list[float]:
     return [(found.estimate.value(name) - true) / found.estimate.sigma(name) for name, true in case_of("own").true.items()]
 
 

@@ -13,13 +13,11 @@ import pytest
 from ident.estimate import Outcome
 from scenarios.files.measured.record_file import RecordFile, read_record_file
 from scenarios.files.writing import write_record
-from scenarios.identification import from_files
-from scenarios.identification.from_files import identify_files
-from scenarios.identification.input_reading import other_reading
+from scenarios.identification import identify
+from scenarios.identification.assessment import PLAIN, Options, other_reading
+from scenarios.identification.identify import identify_files
 from scenarios.identification.methods import FILTERS, METHODS
-from scenarios.identification.result import PLAIN, Options
-from scenarios.preparation.plan import Plan
-from scenarios.preparation.request import Request
+from scenarios.preparation.plan import Plan, Request
 from scenarios.studies.rows import Row
 from sim.record import Channel, Hold, Record
 from tests.own_models import ROLL, model_file
@@ -52,13 +50,13 @@ class Spy:
 @pytest.fixture
 def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
     seen = Spy()
-    monkeypatch.setattr(from_files, "_identified", seen)
+    monkeypatch.setattr(identify, "_identified", seen)
 
     def read_otherwise(ready: Any, found: Any, again: Any, options: Options) -> Any:
         return again(Hold.LINEAR if found.record.hold is Hold.PREVIOUS else Hold.PREVIOUS, replace(options, profile=None))
 
-    monkeypatch.setattr(from_files, "_read_otherwise", read_otherwise)
-    monkeypatch.setattr(from_files, "_filter_error_proposed", lambda *_: ())
+    monkeypatch.setattr(identify, "_read_otherwise", read_otherwise)
+    monkeypatch.setattr(identify, "_filter_error_proposed", lambda *_: ())
     return seen
 
 
@@ -146,6 +144,6 @@ def test_no_profile_is_made_of_the_other_reading() -> None:
         return None, ended
 
     ready: Any = "ready"
-    found: Any = from_files._read_otherwise(ready, cast(Any, ended), again, replace(PLAIN, profile=("L_p",)))
+    found: Any = identify._read_otherwise(ready, cast(Any, ended), again, replace(PLAIN, profile=("L_p",)))
     assert found == (ready, ended)
     assert [options.profile for options in asked] == [None]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.filters.problem import filter_problem
-from scenarios.identification.low_order_filter import ENGINEERING_STD, PAPER_START, about_trim, loes_filter_system
+from scenarios.identification.low_order import ENGINEERING_STD, PAPER_START, about_trim, loes_filter_system
 from sim.errors import RecordError
 from sim.record import Channel, Record
 from sim.vehicles.factory import model_from_constants

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from scenarios.identification.own_model.example_motion import ANGLE, FINE, PULSE
-from scenarios.identification.own_model.model_checks import SIZE, excited, one_by_one, steps_against_differences, unknown_units
-from scenarios.preparation.vehicle_model import step_for
+from scenarios.identification.model_checks import ANGLE, FINE, PULSE, SIZE, excited, one_by_one, steps_against_differences, unknown_units
+from scenarios.preparation.declared_model import step_for
 from sim.declaration import own_model
 from sim.declaration.model import Model
 from sim.record import Channel, Hold, Record

@@ -13,8 +13,8 @@ import flightid
 from exam.coverage.independent_flights import flown
 from ident.estimate import Estimate
 from ident.statistics.residuals import ResidualTest
-from scenarios.identification import sigma_cautions
-from scenarios.identification.sigma_cautions import FILTER_ERROR, LOST_ROWS, SHORT_IN_GUSTS, disturbed_outputs, lost_rows
+from scenarios.identification import conditions
+from scenarios.identification.conditions import FILTER_ERROR, LOST_ROWS, SHORT_IN_GUSTS, disturbed_outputs, lost_rows
 from sim.record import Channel, Record
 
 
@@ -85,7 +85,7 @@ def test_filter_error_is_proposed_in_gusts_and_not_for_coloured_noise_of_each_se
 
 
 def test_an_output_that_fails_two_tests_is_named_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sigma_cautions, "_moved_together", lambda records, estimate: True)
+    monkeypatch.setattr(conditions, "_moved_together", lambda records, estimate: True)
     estimate = cast(Estimate, SimpleNamespace(method="output-error", output_names=("alpha", "q")))
     tests = [ResidualTest(kind, name, 1.0, 1e-9, "") for name in ("alpha", "q") for kind in ("whiteness", "size")]
     assert disturbed_outputs([], estimate, tests) == ("alpha", "q")

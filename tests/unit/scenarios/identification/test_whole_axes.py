@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
+from scenarios.identification.assessment import IdentificationResult
 from scenarios.identification.identify import identify
 from scenarios.identification.methods import METHODS
-from scenarios.identification.result import Identification
 from sim.record import Record
 from tests.whole_axes import CONSTANTS, NOISE, TRUE, flown, true_model, vehicle_file
 
@@ -28,7 +28,7 @@ DEAR = (
 )  # seconds each
 
 
-def sigmas_off(found: Identification) -> dict[str, float]:
+def sigmas_off(found: IdentificationResult) -> dict[str, float]:
     """How far the derivatives are from the truth, in their own sigmas."""
     true = TRUE[found.vehicle.model]
     return {row.name: (row.estimate - true[row.name]) / row.std for row in found.rows if row.name in true}

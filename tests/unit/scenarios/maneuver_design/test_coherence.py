@@ -16,7 +16,7 @@ from scenarios.maneuver_design.asked import Asked
 from scenarios.maneuver_design.design import Design, design
 from scenarios.maneuver_design.kinds import KINDS, Room, multisines, no_faster, sweeps
 from scenarios.maneuver_design.text import design_text
-from scenarios.plots.studies.maneuvers import figure_coherence
+from scenarios.plots.maneuvers import figure_coherence
 from sim.declaration.compile import compile_model
 from sim.maths import complex_step_jacobian
 from tests.figure_laws import broken_laws, words

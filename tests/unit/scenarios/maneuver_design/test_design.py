@@ -23,7 +23,7 @@ from scenarios.maneuver_design.kinds import as_held, no_faster
 from scenarios.maneuver_design.limits import offset_of
 from scenarios.maneuver_design.setting import setting_of
 from scenarios.maneuver_design.text import design_text
-from scenarios.preparation.request import Request
+from scenarios.preparation.plan import Request
 from sim.errors import DeclarationError
 from sim.maneuvers import least_peak_multisine, peak_factor, schroeder_multisine
 from sim.record import Record

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from scenarios.identification.own_model.example_motion import PULSE
+from scenarios.identification.model_checks import PULSE
 from scenarios.maneuver_design import content
 from scenarios.maneuver_design.asked import Asked
 from scenarios.maneuver_design.content import maneuver_content

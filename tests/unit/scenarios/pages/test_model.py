@@ -7,13 +7,11 @@ from dataclasses import replace
 
 import pytest
 
-from scenarios.pages.model import BY_ROW, Column, Page, Section, Table, section
-from scenarios.pages.numbers import Number, estimate, known, read_cell, signs
-from scenarios.pages.printed import printed_blocks, rows_table
-from scenarios.pages.storing import page_content, page_of
-from scenarios.terminal.paragraphs import print_paragraph
-from scenarios.terminal.tables import Column as Printed
-from scenarios.terminal.tables import print_table
+from scenarios.pages.folder import page_content, page_of
+from scenarios.pages.model import BY_ROW, Column, Number, Page, Section, Table, estimate, known, read_cell, section, signs
+from scenarios.pages.tables import printed_blocks, rows_table
+from scenarios.terminal.tables import TableColumn as Printed
+from scenarios.terminal.tables import print_paragraph, print_table
 from sim.errors import ModelError
 from tests.pages import PAGE
 

@@ -14,10 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.pages.folder import rebuilt, write_page
-from scenarios.pages.rendering import page_html
-from scenarios.pages.reproduction import reproduction
-from scenarios.pages.storing import page_of
+from scenarios.pages.folder import page_html, page_of, rebuilt, write_page
+from scenarios.pages.model import reproduction
 from scenarios.plots import style
 from sim.errors import FlightidError
 from tests.pages import HOSTILE, PAGE

@@ -10,14 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.estimate import Outcome
-from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
 from scenarios.plots.comparison import ComparisonRow, EquivalentRow, figure_comparison, figure_equivalents
-from scenarios.plots.correlation import figure_correlation
-from scenarios.plots.display import SIMULATED_DATA
-from scenarios.plots.histories import course, sound_samples
-from scenarios.plots.innovations import figure_innovations
-from scenarios.plots.parameters import figure_parameter_histories
-from scenarios.plots.signals import Response, figure_fit, figure_record, response_of
+from scenarios.plots.display import SIMULATED_DATA, course, sound_samples
+from scenarios.plots.estimates import figure_correlation, figure_innovations, figure_parameter_histories
+from scenarios.plots.signals import Response, figure_ballistic_coefficient, figure_fit, figure_record, figure_trajectory, response_of
 from sim.errors import ModelError
 from sim.record import Hold
 from tests.unit.scenarios.plots.conftest import Study

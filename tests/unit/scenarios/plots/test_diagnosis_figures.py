@@ -11,14 +11,18 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Quantity, Verdict
-from scenarios.plots.files import figure_png
+from scenarios.plots.display import Replicated, Standing, reason
+from scenarios.plots.drawing import figure_png
 from scenarios.plots.style import BLUE
-from scenarios.plots.tracing.derivatives import figure_derivatives
-from scenarios.plots.tracing.evidence import figure_evidence
-from scenarios.plots.tracing.pictured import Replicated
-from scenarios.plots.tracing.reasons import Standing, reason
-from scenarios.plots.tracing.replication import figure_replication
-from scenarios.plots.tracing.residuals import figure_held_out, figure_residuals, figure_spectra, spectrum
+from scenarios.plots.tracing import (
+    figure_derivatives,
+    figure_evidence,
+    figure_held_out,
+    figure_replication,
+    figure_residuals,
+    figure_spectra,
+    spectrum,
+)
 from tests.diagnoses import BALLISTIC, NOISE, tracing_of
 
 

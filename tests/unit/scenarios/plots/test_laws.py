@@ -14,15 +14,17 @@ from scenarios.diagnosis.report.pictures.figures import figures_of
 from scenarios.diagnosis.report.pictures.pictured import pictured
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.low_order import Bar, LikelihoodCurve, figure_delays, figure_peaks, figure_side_by_side, figure_states
-from scenarios.plots.studies.campaign import Coverage, figure_campaign
-from scenarios.plots.studies.consistency import CoverageRow, SquaresPanel, figure_coverage, figure_errors, figure_squares
-from scenarios.plots.studies.determination import DeterminedBy, figure_determination
-from scenarios.plots.studies.side_by_side import (
-    ParameterColumn,
-    StudyResponse,
-    figure_studies_errors,
-    figure_studies_estimates,
-    figure_studies_responses,
+from scenarios.plots.side_by_side import ParameterColumn, StudyResponse, figure_studies_errors, figure_studies_estimates, figure_studies_responses
+from scenarios.plots.studies import (
+    Coverage,
+    CoverageRow,
+    DeterminedBy,
+    SquaresPanel,
+    figure_campaign,
+    figure_coverage,
+    figure_determination,
+    figure_errors,
+    figure_squares,
 )
 from scenarios.plots.style import make_sheet
 from tests.diagnoses import BALLISTIC, LOES, spread_tracing, tracing_of

@@ -7,12 +7,7 @@ import pytest
 from scipy import signal
 
 import flightid as fid
-from scenarios.plots.responses import (
-    figure_bandwidth,
-    figure_margins,
-    figure_mismatch,
-    figure_response,
-)
+from scenarios.plots.low_order import figure_bandwidth, figure_margins, figure_mismatch, figure_response
 from sim.errors import DeclarationError
 from tests.figure_laws import broken_laws, words
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from scenarios.plots.innovations import figure_innovations
-from scenarios.plots.parameters import figure_parameter_histories
+from scenarios.plots.estimates import figure_innovations, figure_parameter_histories
 from tests.unit.scenarios.plots.conftest import Study
 
 

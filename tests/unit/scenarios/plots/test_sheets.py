@@ -15,14 +15,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
 from scenarios.plots.comparison import ComparisonRow, EquivalentRow, figure_comparison, figure_equivalents
-from scenarios.plots.correlation import figure_correlation
-from scenarios.plots.files import figure_pdf, figure_png, figure_svg, save_figures, svg_text
+from scenarios.plots.drawing import figure_pdf, figure_png, figure_svg, save_figures, svg_text
+from scenarios.plots.estimates import figure_correlation, figure_innovations, figure_parameter_histories
 from scenarios.plots.formats import FORMATS, Formats, formats_of, formats_wanted
-from scenarios.plots.innovations import figure_innovations
-from scenarios.plots.parameters import figure_parameter_histories
-from scenarios.plots.signals import Response, figure_fit, figure_record, response_of
+from scenarios.plots.signals import Response, figure_ballistic_coefficient, figure_fit, figure_record, figure_trajectory, response_of
 from sim.errors import DeclarationError
 from tests.unit.scenarios.plots.conftest import Study
 
@@ -132,8 +129,8 @@ PROBE = """
 import hashlib, sys
 import numpy as np
 from scenarios.plots.comparison import ComparisonRow, figure_comparison
-from scenarios.plots.files import figure_png
-import scenarios.plots.ballistic, scenarios.plots.correlation, scenarios.plots.innovations, scenarios.plots.parameters, scenarios.plots.signals
+from scenarios.plots.drawing import figure_png
+import scenarios.plots.signals, scenarios.plots.estimates, scenarios.plots.estimates, scenarios.plots.estimates, scenarios.plots.signals
 png = figure_png(figure_comparison([ComparisonRow("CL_alpha", 2.9, 2.8, 0.1, 9.0, 0.1)], "One"))
 print("matplotlib.pyplot" in sys.modules, hashlib.sha256(png).hexdigest())
 """

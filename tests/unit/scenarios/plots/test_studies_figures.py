@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from scenarios.plots.studies.determination import DeterminedBy, figure_determination
-from scenarios.plots.studies.flexibility import CriterionCourse, DerivativeCourse, Published, figure_flexibility
-from scenarios.plots.studies.side_by_side import (
+from scenarios.plots.side_by_side import (
     PERCENT,
     ParameterColumn,
     StudyResponse,
@@ -16,6 +14,7 @@ from scenarios.plots.studies.side_by_side import (
     figure_studies_estimates,
     figure_studies_responses,
 )
+from scenarios.plots.studies import CriterionCourse, DerivativeCourse, DeterminedBy, Published, figure_determination, figure_flexibility
 
 ROWS: dict[str, list[ParameterColumn | None]] = {
     "CL_alpha": [ParameterColumn(2.9, 0.1, 3.0, None, (3.4, 0.05)), None],

@@ -9,8 +9,8 @@ import pytest
 
 from ident.whole_record.output_error import fit_output_error
 from scenarios.diagnosis.candidates import candidates_for
-from scenarios.preparation.airspeed import able, flow_doubts, flow_sentence, measured_flow, with_flow
-from scenarios.preparation.holding_out import hold_out
+from scenarios.preparation.measured_inputs import able, flow_doubts, flow_sentence, measured_flow, with_flow
+from scenarios.preparation.plausibility import hold_out
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.errors import RecordError

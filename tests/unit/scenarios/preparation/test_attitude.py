@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from scenarios.files.vehicles import VehicleFile
-from scenarios.preparation.airspeed import BEGINNING
-from scenarios.preparation.attitude import PARTLY, with_attitude
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.declared_model import model_of_file
+from scenarios.preparation.measured_inputs import BEGINNING, PARTLY, with_attitude
 from sim.declaration.effect import Signal
 from sim.record import Channel, Hold, Record
 from tests.diagnoses import BALLISTIC, LOES, measured_record

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.preparation.holding_out import EARLIEST, FEWEST, LATEST, hold_out
+from scenarios.preparation.plausibility import EARLIEST, FEWEST, LATEST, hold_out
 from sim.errors import RecordError
 from sim.record import Channel, Record
 from tests.diagnoses import measured_record

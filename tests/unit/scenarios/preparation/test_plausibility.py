@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.preparation.attitude import with_attitude
+from scenarios.preparation.measured_inputs import with_attitude
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.plausibility import moves, refuse_still
 from scenarios.preparation.recording import expectations_of, looked_at

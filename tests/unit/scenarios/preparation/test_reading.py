@@ -12,10 +12,9 @@ import pytest
 
 from scenarios.files.measured.record_file import read_record_files
 from scenarios.files.records import read_record
-from scenarios.preparation import interpreting
-from scenarios.preparation.airspeed import with_flow
-from scenarios.preparation.interpreting import held_by_computer, linear_by
-from scenarios.preparation.load_factor import with_load_factors
+from scenarios.preparation import declared_model
+from scenarios.preparation.declared_model import held_by_computer, linear_by
+from scenarios.preparation.measured_inputs import with_flow, with_load_factors
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.preparation.reading import for_model, prepare
 from sim.errors import RecordError
@@ -193,15 +192,15 @@ def test_a_fit_that_has_not_converged_decides_nothing(monkeypatch: pytest.Monkey
     records, derivatives = drawn_pair(16)
     model = model_from_constants("rigid", FIGHTER, derivatives)
     readings = with_flow(model, records), with_flow(model, records, weight=False)
-    monkeypatch.setattr(interpreting, "SETTINGS", replace(interpreting.SETTINGS, iterations=2))
-    found = interpreting.better_by(*readings, OUTPUTS)
+    monkeypatch.setattr(declared_model, "SETTINGS", replace(declared_model.SETTINGS, iterations=2))
+    found = declared_model.better_by(*readings, OUTPUTS)
     assert found.gain == 0.0 and found.why_open == "a fit has not converged"
 
 
 def test_a_bias_beyond_the_reading_is_no_trim() -> None:
     """Of a load factor between 0.6 and 2.2 g a trim of 1 g, of 0 g or of 3 g can be; of -3 g it cannot, nor of 5 g."""
     measured = np.linspace(0.6, 2.2, 50)
-    assert [interpreting.implausible_bias(bias, measured) for bias in (1.0, 0.0, 3.0, -3.0, 5.0)] == [False, False, False, True, True]
+    assert [declared_model.implausible_bias(bias, measured) for bias in (1.0, 0.0, 3.0, -3.0, 5.0)] == [False, False, False, True, True]
 
 
 def test_a_fit_with_an_implausible_bias_decides_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,8 +208,8 @@ def test_a_fit_with_an_implausible_bias_decides_nothing(monkeypatch: pytest.Monk
     records, derivatives = drawn_pair(80)
     model = model_from_constants("rigid", FIGHTER, derivatives)
     readings = with_flow(model, records), with_flow(model, records, weight=False)
-    monkeypatch.setattr(interpreting, "from_trim", lambda record, model: record)
-    found = interpreting.better_by(*readings, OUTPUTS)
+    monkeypatch.setattr(declared_model, "from_trim", lambda record, model: record)
+    found = declared_model.better_by(*readings, OUTPUTS)
     assert found.gain == 0.0 and "a fit needs a bias of" in found.why_open
 
 
@@ -218,8 +217,8 @@ def test_controls_count_from_their_trim_or_their_mean(held: FallingSpeed) -> Non
     record = record_of(held)
     values = record["elevator"].values
     off = replace(record, inputs=(Channel.of("elevator", "rad", values + 0.2),))
-    rested = interpreting.from_trim(off, declared())["elevator"].values
+    rested = declared_model.from_trim(off, declared())["elevator"].values
     np.testing.assert_allclose(rested, values, atol=1e-3)  # the rest ends where the elevator has left a twentieth of its span
     moving = replace(off, time=record.time[100:], inputs=(Channel.of("elevator", "rad", off["elevator"].values[100:]),), outputs=())
-    assert abs(np.mean(interpreting.from_trim(moving, declared())["elevator"].values)) < 1e-12
-    assert interpreting.from_trim(record, declared())["elevator"].values.tolist() == values.tolist()
+    assert abs(np.mean(declared_model.from_trim(moving, declared())["elevator"].values)) < 1e-12
+    assert declared_model.from_trim(record, declared())["elevator"].values.tolist() == values.tolist()

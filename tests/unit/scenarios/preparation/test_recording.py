@@ -10,8 +10,7 @@ import pytest
 from ident.recording.series import Expectations
 from scenarios.files.writing import json_text
 from scenarios.preparation.plan import Plan
-from scenarios.preparation.record_words import record_content, record_lines, record_rows
-from scenarios.preparation.recording import expectations_of, joined, looked_at
+from scenarios.preparation.recording import expectations_of, joined, looked_at, record_content, record_lines, record_rows
 from sim.errors import RecordError
 from sim.record import Record
 from sim.vehicles.factory import model_from_constants

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenarios.preparation.plan import plan_of
-from scenarios.preparation.request import Request, reading_options
+from scenarios.preparation.plan import Request, plan_of, reading_options
 
 
 def test_options_of_a_reading_are_those_that_were_given() -> None:

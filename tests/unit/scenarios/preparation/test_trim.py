@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.preparation.trim import about_trim, trim_sentence
+from scenarios.preparation.measured_inputs import about_trim, trim_sentence
 from sim.record import Channel, Record
 from tests.bases import Flight, rigid_flight
 from tests.tracing_problem import planted

@@ -10,11 +10,11 @@ import pytest
 
 from scenarios.files.measured.record_file import read_record_files
 from scenarios.files.vehicles import read_vehicle
-from scenarios.preparation.load_factor import instead_of
+from scenarios.preparation.declared_model import model_of_file
+from scenarios.preparation.measured_inputs import instead_of
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.reading import Prepared, prepare
 from scenarios.preparation.recording import expectations_of
-from scenarios.preparation.vehicle_model import model_of_file
 from sim.errors import RecordError
 from sim.maths import G0
 from sim.record import Hold, Record

@@ -8,15 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.studies.campaign import campaign_of, fly_campaign
+from scenarios.studies.campaign import EstimatorRuns, Rebuilt, campaign_of, fly_campaign
 from scenarios.studies.catalogue import load_document, load_scenario
-from scenarios.studies.runs.batch import LANES
-from scenarios.studies.runs.work import EstimatorRuns, Rebuilt
+from scenarios.studies.estimating import LANES
 from scenarios.studies.study import run_scenario
-from scenarios.tasks.manner import Manner
-from scenarios.tasks.rows import Table
-from scenarios.tasks.study import Asked, run_study
-from scenarios.tasks.work import tasks_of
+from scenarios.tasks.study import Manner, TaskRequest, run_study
+from scenarios.tasks.work import RowTable, tasks_of
 from sim.errors import FlightidError
 
 SHORT = ("flight.duration=4 s", "flight.rate=50")
@@ -65,17 +62,17 @@ def test_a_run_is_flown_again_by_its_seed_and_its_errors_are_weighed() -> None:
 def test_runs_that_break_down_are_counted_by_what_ended_them() -> None:
     scenario = load_scenario("rigid", SHORT)
     work = EstimatorRuns(scenario, scenario.estimations[0])
-    whole = run_study(work, Asked(7, 1))
+    whole = run_study(work, TaskRequest(7, 1))
     columns = {name: column.copy() for name, column in whole.columns.items()}
     columns["outcome"][[1, 4]] = "diverged"
     columns["outcome"][2], columns["error"][2] = None, "ended after 3 s, the time that it was given"
-    found = campaign_of(work, Table(columns, 7, whole.times), 1)
+    found = campaign_of(work, RowTable(columns, 7, whole.times), 1)
     assert found.failures == {"diverged": 2, "ended after 3 s, the time that it was given": 1} and found.broken == 3
     assert found.values.shape == (6, 4) and found.kept.tolist() == [True, False, False, True, False, True, True]
     assert found.values[0].tolist() == columns["estimate:CL_alpha"][[0, 3, 5, 6]].tolist()
     columns["outcome"][[0, 3, 5]] = "diverged"
     with pytest.raises(FlightidError, match=r"6 of 7 runs broke down \(diverged\)"):
-        campaign_of(work, Table(columns, 7, whole.times), 1)
+        campaign_of(work, RowTable(columns, 7, whole.times), 1)
 
 
 def test_a_users_own_model_is_made_again_where_it_cannot_be_sent() -> None:

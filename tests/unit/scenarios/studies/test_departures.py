@@ -9,10 +9,9 @@ import pytest
 
 from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.catalogue import load_document, load_scenario
-from scenarios.studies.declaration import Choice, seen_by
-from scenarios.studies.departures import choice_lines, misprints, other_flight, other_flight_line, vehicle_line, vehicle_origins
-from scenarios.studies.scenario_file.choices import choices_of, value_text
-from scenarios.studies.scenario_file.reading import scenario_of
+from scenarios.studies.comparison import choice_lines, misprints, other_flight, other_flight_line, vehicle_line, vehicle_origins
+from scenarios.studies.declaration import Choice, choices_of, seen_by, value_text
+from scenarios.studies.reading import scenario_of
 from scenarios.studies.study import run_scenario
 from sim.errors import DeclarationError
 from sim.vehicles.library import read_parameter_set

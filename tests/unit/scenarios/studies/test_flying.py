@@ -9,14 +9,7 @@ import pytest
 
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.flying import (
-    EVER,
-    fly_scenario,
-    held_alike,
-    maneuver_of,
-    maneuvers_by_input,
-    measured_again,
-)
+from scenarios.studies.estimating import EVER, fly_scenario, held_alike, maneuver_of, maneuvers_by_input, measured_again
 from sim.maneuvers import Maneuver
 from sim.record import Hold
 

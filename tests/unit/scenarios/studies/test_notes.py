@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenarios.studies.catalogue import load_scenario
-from scenarios.studies.notes import elastic_frequencies, periodogram, prior_note, residual_note
-from scenarios.studies.study import run_scenario
+from scenarios.studies.study import elastic_frequencies, periodogram, prior_note, residual_note, run_scenario
 from sim.vehicles.factory import flexible_model, rigid_model
 from sim.vehicles.library import read_parameter_set
 

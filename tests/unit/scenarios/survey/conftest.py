@@ -9,10 +9,11 @@ import pytest
 
 from scenarios.files.writing import write_json
 from scenarios.plots.formats import Formats
-from scenarios.survey import one_flight, pooled_fits
-from scenarios.survey.flights import Flight
-from scenarios.survey.report.files import write_survey
-from scenarios.survey.survey import Survey, survey_flights
+from scenarios.survey import flights as one_flight
+from scenarios.survey import growing
+from scenarios.survey.files import write_survey
+from scenarios.survey.flights import SurveyFlight
+from scenarios.survey.survey import SurveyResult, survey_flights
 from sim.errors import FlightidError
 from tests.integration.command_line import VEHICLE
 from tests.unit.scenarios.survey.made_up import flown, kept
@@ -38,7 +39,7 @@ class Campaign:
         file.write_text('title = "made up"\nmodel = "rigid"\nvehicle = "aircraft.toml"\n' + "".join(flights))
         return file
 
-    def survey(self, *flights: str) -> Survey:
+    def survey(self, *flights: str) -> SurveyResult:
         """A survey of these, written; what was diagnosed before is forgotten."""
         self.diagnosed.clear()
         self.fitted.clear()
@@ -47,7 +48,7 @@ class Campaign:
         return found
 
 
-def late_of(flight: Flight) -> float:
+def late_of(flight: SurveyFlight) -> float:
     return float(flight.records[0].read_text())
 
 
@@ -55,7 +56,7 @@ def late_of(flight: Flight) -> float:
 def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
     made = Campaign(tmp_path)
 
-    def diagnosed(flight: Flight, folder: Path, figures: Formats) -> dict[str, Any]:
+    def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str, Any]:
         if flight.name == made.stop_at:
             raise KeyboardInterrupt
         if flight.name in made.faults:
@@ -69,7 +70,7 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
         write_json(folder / one_flight.KEPT, content)
         return content
 
-    def fitted_sets(flight: Flight, names: tuple[str, ...], starts: object, own: object) -> dict[str, Any]:
+    def fitted_sets(flight: SurveyFlight, names: tuple[str, ...], starts: object, own: object) -> dict[str, Any]:
         import numpy as np
 
         made.fitted.append(flight.name)
@@ -78,5 +79,5 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Campaign:
         return flown(rng, {name: rng.standard_normal((60, 1)) for name in names}, {"sensor-delay:q": [late]} if late and names else {}).fits()
 
     monkeypatch.setattr(one_flight, "diagnosed", diagnosed)
-    monkeypatch.setattr(pooled_fits, "fitted_sets", fitted_sets)
+    monkeypatch.setattr(growing, "fitted_sets", fitted_sets)
     return made

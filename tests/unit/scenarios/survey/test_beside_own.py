@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.survey.beside_own import recurring_beside_own
+from scenarios.survey.recurring import recurring_beside_own
 from tests.unit.scenarios.survey.made_up import Flown, flown, kept
 
 SHARED = ("delay", "arm")

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.survey.example import EXAMPLE
-from scenarios.survey.flights import Flights, read_flights
-from scenarios.survey.vehicle_text import toml_text
+from scenarios.cli.record_commands import EXAMPLE
+from scenarios.survey.flights import Flights, read_flights, toml_text
 from sim.errors import DeclarationError
 from sim.record import Hold
 from tests.integration.command_line import VEHICLE

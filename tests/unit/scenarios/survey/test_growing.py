@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from scenarios.survey.one_flight import KEPT
-from scenarios.survey.report.text import survey_text
+from scenarios.survey.flights import KEPT
+from scenarios.survey.report import survey_text
 from scenarios.survey.survey import survey_flights
 from tests.integration.command_line import contents
 from tests.unit.scenarios.survey.conftest import Campaign

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.survey.pooled_fits import _told
+from scenarios.survey.growing import _told
 from sim.effects.sensor_path.sensor_lag import SensorLag
 
 DECLARED = ("CL_alpha", "Cm_alpha", "Cm_q")

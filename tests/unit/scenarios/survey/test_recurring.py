@@ -10,8 +10,7 @@ from scipy.optimize import minimize
 from scipy.special import expit, log_expit
 
 from ident.pooling import CHANCE
-from scenarios.survey.candidates import candidates, own_effects, starts_of
-from scenarios.survey.recurring import judged, recurring
+from scenarios.survey.recurring import candidates, judged, own_effects, recurring, starts_of
 from tests.unit.scenarios.survey.made_up import Flown, flown, kept
 
 NONE = frozenset[str]()

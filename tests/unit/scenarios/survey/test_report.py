@@ -11,13 +11,10 @@ import numpy as np
 import pytest
 
 from scenarios.pages.folder import rebuilt
-from scenarios.survey.derivatives import over_flights
-from scenarios.survey.report.figures import survey_figures
-from scenarios.survey.report.files import write_survey
-from scenarios.survey.report.page import survey_page
-from scenarios.survey.report.text import survey_text
-from scenarios.survey.report.words import effect_rows, flight_rows, fresh, hints, rivals_phrase, verdict_of
-from scenarios.survey.survey import Survey
+from scenarios.survey.files import survey_figures, survey_page, write_survey
+from scenarios.survey.recurring import over_flights
+from scenarios.survey.report import effect_rows, flight_rows, fresh, hints, rivals_phrase, survey_text, verdict_of
+from scenarios.survey.survey import SurveyResult
 from sim.errors import ModelError
 from tests.unit.scenarios.survey.conftest import Campaign
 
@@ -30,11 +27,11 @@ def more(campaign: Campaign, count: int) -> list[str]:
 
 
 @pytest.fixture
-def found(campaign: Campaign) -> Survey:
+def found(campaign: Campaign) -> SurveyResult:
     return campaign.survey(*more(campaign, 6))
 
 
-def test_terminal_page_and_files_say_the_same(found: Survey, campaign: Campaign) -> None:
+def test_terminal_page_and_files_say_the_same(found: SurveyResult, campaign: Campaign) -> None:
     (each,) = found.recurs
     sigma = float(np.sqrt(each.found.covariance[0, 0]))
     content = json.loads((campaign.out / "survey.json").read_text())
@@ -67,7 +64,7 @@ def test_the_page_is_made_again_from_its_folder(campaign: Campaign) -> None:
     assert rebuilt(campaign.out).read_bytes() == before
 
 
-def test_flights_lead_to_their_own_pages_where_there_are_any(found: Survey, campaign: Campaign) -> None:
+def test_flights_lead_to_their_own_pages_where_there_are_any(found: SurveyResult, campaign: Campaign) -> None:
     (campaign.out / "flights" / "F03" / "report.html").write_text("its page")
     write_survey(found, campaign.out, figures=())
     page = (campaign.out / "report.html").read_text()
@@ -79,14 +76,14 @@ def test_flights_lead_to_their_own_pages_where_there_are_any(found: Survey, camp
 
 
 def test_a_link_leads_nowhere_outside() -> None:
-    from scenarios.pages.numbers import Link
+    from scenarios.pages.model import Link
 
     for to in ("https://example.org", "../x.html", "/etc/passwd", "javascript:x", "a/../b", ""):
         with pytest.raises(ModelError):
             Link("x", to)
 
 
-def test_figures_are_of_the_flights_that_have_the_condition(found: Survey) -> None:
+def test_figures_are_of_the_flights_that_have_the_condition(found: SurveyResult) -> None:
     drawn = dict(survey_figures(found))
     assert list(drawn) == ["effects", "shared", "over_mass"]
     assert [label.get_text() for label in drawn["effects"]().axes[0].get_xticklabels()] == [f"F{n:02d}" for n in range(6)]
@@ -94,7 +91,7 @@ def test_figures_are_of_the_flights_that_have_the_condition(found: Survey) -> No
         figure().canvas.draw()
 
 
-def test_columns_in_which_nothing_stands_are_left_out(found: Survey, campaign: Campaign) -> None:
+def test_columns_in_which_nothing_stands_are_left_out(found: SurveyResult, campaign: Campaign) -> None:
     assert flight_rows(found)[0] == ["flight", "verdict", "sensor-delay:q", "kinematics"]
     flights = [*more(campaign, 6), campaign.fly("G", LATE, 'tail = "T-1"\ndate = 2026-03-04')]
     grown = campaign.survey(*flights)
@@ -104,7 +101,7 @@ def test_columns_in_which_nothing_stands_are_left_out(found: Survey, campaign: C
     assert fresh(grown) == ["traced, G: made up; of what recurs it has sensor-delay:q"]
 
 
-def test_unexplained_flights_are_told(found: Survey) -> None:
+def test_unexplained_flights_are_told(found: SurveyResult) -> None:
     kept = {name: {**each, "verdict": "unexplained", "effects": []} for name, each in found.grown.kept.items()}
     silent = replace(found, grown=replace(found.grown, kept=kept), recurs=())
     assert verdict_of(silent) == ("NOTHING RECURS", "no effect acts in two or more of 6 flights beyond chance; 6 of them are unexplained")
@@ -114,7 +111,7 @@ def test_unexplained_flights_are_told(found: Survey) -> None:
     assert survey_page(replace(silent, grown=replace(found.grown, kept=calm))).tone == "good"
 
 
-def test_what_an_effect_is_told_from(found: Survey) -> None:
+def test_what_an_effect_is_told_from(found: SurveyResult) -> None:
     (each,) = found.recurs
     assert rivals_phrase(each).startswith("preferred to sensor-lag:q by ")
     equal = replace(each, rivals={"vane-offset": 1.0, "sensor-lag:q": 20.0, "sensor-lag:alpha": 30.0})
@@ -127,7 +124,7 @@ def test_what_an_effect_is_told_from(found: Survey) -> None:
     assert [effect_rows(one)[1][0][-1] for one in (faint, loud)] == ["2e-05", "<1e-99"]
 
 
-def test_forces_that_change_with_mass_ask_for_the_masses(found: Survey) -> None:
+def test_forces_that_change_with_mass_ask_for_the_masses(found: SurveyResult) -> None:
     flights = tuple(found.grown.kept)
     mass = found.conditions["mass"]
     rng = np.random.default_rng(1)
@@ -142,16 +139,16 @@ def test_forces_that_change_with_mass_ask_for_the_masses(found: Survey) -> None:
 
 
 def test_a_flight_that_could_not_be_fitted_is_told(campaign: Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
-    from scenarios.survey import pooled_fits
+    from scenarios.survey import growing
 
-    plain = pooled_fits.fitted_sets
+    plain = growing.fitted_sets
 
     def failing(flight: object, *given: object) -> object:
         if getattr(flight, "name", "") == "F02":
             raise ArithmeticError("no finite cost")
         return plain(flight, *given)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(pooled_fits, "fitted_sets", failing)
+    monkeypatch.setattr(growing, "fitted_sets", failing)
     found = campaign.survey(*more(campaign, 6))
     assert found.warnings == ("F02 could not be fitted with what recurs: ArithmeticError: no finite cost",)
     assert found.recurs[0].flights == ("F00", "F01", "F03", "F04", "F05")

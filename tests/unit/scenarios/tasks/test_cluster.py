@@ -14,17 +14,17 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from scenarios.files.versions import versions
+from scenarios.files.sources import versions
 from scenarios.tasks import cluster as on_cluster
-from scenarios.tasks.rows import Table
-from scenarios.tasks.study import Asked, run_study
+from scenarios.tasks.study import TaskRequest, run_study
+from scenarios.tasks.work import RowTable
 from sim.errors import FlightidError
 from tests.unit.scenarios.tasks.dask_cluster import Cluster, cluster_of
 from tests.unit.scenarios.tasks.test_study import same
 from tests.unit.scenarios.tasks.toy import Loads, Threads, Toy
 
 COUNT = 60
-ASKED = Asked(COUNT, 7)
+ASKED = TaskRequest(COUNT, 7)
 
 
 @pytest.fixture(scope="module")
@@ -34,15 +34,15 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 @pytest.fixture(scope="module")
-def whole() -> Table:
+def whole() -> RowTable:
     return run_study(Toy(), ASKED)
 
 
-def _there(cluster: Cluster, asked: Asked = ASKED) -> Asked:
+def _there(cluster: Cluster, asked: TaskRequest = ASKED) -> TaskRequest:
     return dataclasses.replace(asked, cluster=cluster.address)
 
 
-def test_the_table_is_that_of_one_process(cluster: Cluster, whole: Table, tmp_path: Path) -> None:
+def test_the_table_is_that_of_one_process(cluster: Cluster, whole: RowTable, tmp_path: Path) -> None:
     assert same(run_study(Toy(), _there(cluster)), whole)
     kept = dataclasses.replace(_there(cluster), folder=tmp_path / "kept")
     assert same(run_study(Toy(), dataclasses.replace(kept, count=23)), run_study(Toy(), dataclasses.replace(ASKED, count=23)))
@@ -65,7 +65,7 @@ def test_what_fails_or_takes_too_long_is_recorded_and_ends_nothing(cluster: Clus
     assert late.columns["error"][12] == "ended after 0.7 s, the time that it was given"
 
 
-def test_ctrl_c_ends_it_and_gives_up_what_was_sent(cluster: Cluster, whole: Table) -> None:
+def test_ctrl_c_ends_it_and_gives_up_what_was_sent(cluster: Cluster, whole: RowTable) -> None:
     from distributed import Client
 
     since: list[float] = []
@@ -77,7 +77,7 @@ def test_ctrl_c_ends_it_and_gives_up_what_was_sent(cluster: Cluster, whole: Tabl
 
     table = run_study(Toy(pause=0.1), _there(cluster), stop)
     assert time.monotonic() - since[0] < 2.0 and 12 <= len(table) < COUNT
-    assert same(table, Table({n: c[table.columns["number"]] for n, c in whole.columns.items()}, COUNT, table.times))
+    assert same(table, RowTable({n: c[table.columns["number"]] for n, c in whole.columns.items()}, COUNT, table.times))
     with Client(cluster.address, set_as_default=False) as client:
         until = time.monotonic() + 5.0
         while (left := client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks))) and time.monotonic() < until:
@@ -112,7 +112,7 @@ def test_a_worker_without_flightid_says_so(tmp_path: Path) -> None:
         run_study(Toy(), _there(made))
 
 
-def test_a_block_whose_worker_dies_is_run_by_another(cluster: Cluster, whole: Table, tmp_path: Path) -> None:
+def test_a_block_whose_worker_dies_is_run_by_another(cluster: Cluster, whole: RowTable, tmp_path: Path) -> None:
     killed: list[str] = []
 
     def kill(stage: str, share: float) -> None:
@@ -126,7 +126,7 @@ def test_a_block_whose_worker_dies_is_run_by_another(cluster: Cluster, whole: Ta
     cluster.start(workers=1)
 
 
-def test_the_scheduler_is_lost_and_what_had_ended_is_kept(cluster: Cluster, whole: Table, tmp_path: Path) -> None:
+def test_the_scheduler_is_lost_and_what_had_ended_is_kept(cluster: Cluster, whole: RowTable, tmp_path: Path) -> None:
     kept = dataclasses.replace(_there(cluster), folder=tmp_path)
     killed: list[float] = []
 

@@ -12,21 +12,21 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from scenarios.tasks.rows import Table
-from scenarios.tasks.study import Asked, run_study
+from scenarios.tasks.study import TaskRequest, run_study
+from scenarios.tasks.work import RowTable
 from sim.errors import FlightidError
 from tests.unit.scenarios.tasks.dask_cluster import Cluster, cluster_of
 from tests.unit.scenarios.tasks.test_study import same
 from tests.unit.scenarios.tasks.toy import Toy
 
 MOMENTS = 20
-WORK, ASKED = Toy(pause=0.04), Asked(200, 11)  # 50 blocks: about 1 s of two workers
+WORK, ASKED = Toy(pause=0.04), TaskRequest(200, 11)  # 50 blocks: about 1 s of two workers
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def whole() -> Table:
+def whole() -> RowTable:
     return run_study(dataclasses.replace(WORK, pause=0.0), ASKED)
 
 
@@ -37,7 +37,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 @pytest.mark.parametrize("moment", range(MOMENTS))
-def test_the_scheduler_is_killed(moment: int, cluster: Cluster, tmp_path: Path, whole: Table) -> None:
+def test_the_scheduler_is_killed(moment: int, cluster: Cluster, tmp_path: Path, whole: RowTable) -> None:
     asked = dataclasses.replace(ASKED, folder=tmp_path / "kept", cluster=cluster.address)
     begun = threading.Event()
 
@@ -63,7 +63,7 @@ def test_the_scheduler_is_killed(moment: int, cluster: Cluster, tmp_path: Path, 
 
 
 @pytest.mark.parametrize("moment", range(MOMENTS))
-def test_a_worker_is_killed(moment: int, cluster: Cluster, tmp_path: Path, whole: Table) -> None:
+def test_a_worker_is_killed(moment: int, cluster: Cluster, tmp_path: Path, whole: RowTable) -> None:
     cluster.ready(2)
     begun = threading.Event()
 

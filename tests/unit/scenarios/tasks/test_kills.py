@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.tasks import shards
-from scenarios.tasks.rows import Table
-from scenarios.tasks.study import Asked, run_study
+from scenarios.tasks import work
+from scenarios.tasks.study import TaskRequest, run_study
+from scenarios.tasks.work import RowTable
 from sim.errors import FlightidError
 from tests.unit.scenarios.tasks.process_tree import below
 from tests.unit.scenarios.tasks.test_study import same
@@ -24,7 +24,7 @@ from tests.unit.scenarios.tasks.toy import Toy
 
 ROOT = Path(__file__).parents[4]
 MOMENTS = 20
-WORK, ASKED = Toy(pause=0.04), Asked(200, 11, jobs=2)  # 50 blocks: about 1 s of two processes, a shard each tenth of a second
+WORK, ASKED = Toy(pause=0.04), TaskRequest(200, 11, jobs=2)  # 50 blocks: about 1 s of two processes, a shard each tenth of a second
 SCRIPT = """
 import sys
 from pathlib import Path
@@ -43,7 +43,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def whole() -> Table:
+def whole() -> RowTable:
     return run_study(dataclasses.replace(WORK, pause=0.0), dataclasses.replace(ASKED, jobs=1))
 
 
@@ -56,13 +56,13 @@ def _begun(folder: Path) -> subprocess.Popen[str]:
     return process
 
 
-def _resumed(folder: Path) -> Table:
+def _resumed(folder: Path) -> RowTable:
     resume = (folder / "manifest.json").exists()
     return run_study(dataclasses.replace(WORK, pause=0.0), dataclasses.replace(ASKED, folder=folder, resume=resume))
 
 
 @pytest.mark.parametrize("moment", range(MOMENTS))
-def test_the_study_is_killed(moment: int, tmp_path: Path, whole: Table) -> None:
+def test_the_study_is_killed(moment: int, tmp_path: Path, whole: RowTable) -> None:
     process = _begun(tmp_path / "kept")
     time.sleep(random.Random(moment).uniform(0.0, 2.0))
     workers = below(process.pid)
@@ -76,7 +76,7 @@ def test_the_study_is_killed(moment: int, tmp_path: Path, whole: Table) -> None:
 
 
 @pytest.mark.parametrize("moment", range(MOMENTS))
-def test_a_process_of_it_is_killed(moment: int, tmp_path: Path, whole: Table) -> None:
+def test_a_process_of_it_is_killed(moment: int, tmp_path: Path, whole: RowTable) -> None:
     process = _begun(tmp_path / "kept")
     draw = random.Random(100 + moment)
     time.sleep(draw.uniform(0.3, 1.6))
@@ -101,7 +101,7 @@ def test_processes_die_as_soon_as_they_begin(round_: int) -> None:
 
 
 @pytest.mark.parametrize("moment", range(MOMENTS))
-def test_the_disk_is_full(moment: int, tmp_path: Path, whole: Table, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_disk_is_full(moment: int, tmp_path: Path, whole: RowTable, monkeypatch: pytest.MonkeyPatch) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
     size = random.Random(200 + moment).randrange(8, 120)
@@ -110,7 +110,7 @@ def test_the_disk_is_full(moment: int, tmp_path: Path, whole: Table, monkeypatch
     if subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}k", "tmpfs", str(disk)], capture_output=True).returncode:
         pytest.skip("a small file system cannot be mounted here")
     try:
-        monkeypatch.setattr(shards, "EVERY", 0.05)
+        monkeypatch.setattr(work, "EVERY", 0.05)
         try:
             run_study(dataclasses.replace(WORK, pause=0.01), dataclasses.replace(ASKED, folder=disk / "kept"))
         except FlightidError as error:

@@ -19,19 +19,18 @@ import numpy as np
 import pytest
 
 from ident.alongside import START_METHOD
-from scenarios.tasks import shards
+from scenarios.tasks import work as shards
 from scenarios.tasks.processes import THREADS
-from scenarios.tasks.rows import Table
-from scenarios.tasks.study import Asked, run_study
-from scenarios.tasks.work import tasks_of
+from scenarios.tasks.study import TaskRequest, run_study
+from scenarios.tasks.work import RowTable, tasks_of
 from sim.errors import FlightidError
 from tests.unit.scenarios.tasks.toy import Toy, row_of
 
 COUNT = 30
-ASKED = Asked(COUNT, 7)
+ASKED = TaskRequest(COUNT, 7)
 
 
-def same(one: Table, other: Table) -> bool:
+def same(one: RowTable, other: RowTable) -> bool:
     """To the last bit."""
     if list(one.columns) != list(other.columns) or len(one) != len(other):
         return False
@@ -42,11 +41,11 @@ def same(one: Table, other: Table) -> bool:
 
 
 @pytest.fixture(scope="module")
-def whole() -> Table:
+def whole() -> RowTable:
     return run_study(Toy(), ASKED)
 
 
-def test_the_table_is_the_rows_of_its_tasks(whole: Table) -> None:
+def test_the_table_is_the_rows_of_its_tasks(whole: RowTable) -> None:
     assert whole.whole and whole.sound.all()
     for at, task in enumerate(tasks_of(7, range(COUNT))):
         row = row_of(task)
@@ -57,13 +56,13 @@ def test_the_table_is_the_rows_of_its_tasks(whole: Table) -> None:
 
 
 @pytest.mark.parametrize("jobs", [2, 3])
-def test_processes_give_the_same_table(whole: Table, jobs: int, tmp_path: Path) -> None:
+def test_processes_give_the_same_table(whole: RowTable, jobs: int, tmp_path: Path) -> None:
     assert same(run_study(Toy(), dataclasses.replace(ASKED, jobs=jobs)), whole)
     assert same(run_study(Toy(quick=True), dataclasses.replace(ASKED, jobs=jobs, folder=tmp_path / "kept")), whole)
 
 
 @pytest.mark.parametrize("jobs", [2, 3])
-def test_processes_that_are_started_afresh_give_the_same_table(whole: Table, jobs: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processes_that_are_started_afresh_give_the_same_table(whole: RowTable, jobs: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(START_METHOD, "spawn")
 
     def no_fork() -> int:
@@ -76,7 +75,7 @@ def test_processes_that_are_started_afresh_give_the_same_table(whole: Table, job
     assert same(killed, run_study(Toy(killing=(13,)), dataclasses.replace(ASKED, jobs=2)))
 
 
-def test_ctrl_c_ends_processes_that_are_started_afresh(whole: Table, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_ends_processes_that_are_started_afresh(whole: RowTable, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(START_METHOD, "spawn")
 
     def stop(stage: str, share: float) -> None:
@@ -85,7 +84,7 @@ def test_ctrl_c_ends_processes_that_are_started_afresh(whole: Table, monkeypatch
 
     table = run_study(Toy(pause=0.1), dataclasses.replace(ASKED, jobs=2), stop)
     assert 0 < len(table) < COUNT
-    assert same(table, Table({n: c[table.columns["number"]] for n, c in whole.columns.items()}, COUNT, table.times))
+    assert same(table, RowTable({n: c[table.columns["number"]] for n, c in whole.columns.items()}, COUNT, table.times))
 
 
 def test_the_lock_of_windows_is_of_the_first_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,11 +102,11 @@ def test_the_lock_of_windows_is_of_the_first_byte(tmp_path: Path, monkeypatch: p
         pass
 
 
-def test_a_study_is_resumed_raised_and_cut(whole: Table, tmp_path: Path) -> None:
+def test_a_study_is_resumed_raised_and_cut(whole: RowTable, tmp_path: Path) -> None:
     for count in (1, 11, 19, COUNT, COUNT, 12):
         kept = dataclasses.replace(ASKED, count=count, folder=tmp_path, resume=count > 1)
         table = run_study(Toy(), kept)
-        assert len(table) == count and same(table, Table({n: c[:count] for n, c in whole.columns.items()}, count, table.times))
+        assert len(table) == count and same(table, RowTable({n: c[:count] for n, c in whole.columns.items()}, count, table.times))
     assert json.loads((tmp_path / "manifest.json").read_text())["count"] == COUNT
 
 
@@ -131,16 +130,16 @@ def test_a_cell_of_another_type_is_an_error() -> None:
         def run(self, tasks):
             return [{**row_of(task), "n": 1.5} if task.number == 1 else {"x": 1.0} for task in tasks]
 
-    errors = run_study(Wrong(), Asked(2, 7)).columns["error"]
+    errors = run_study(Wrong(), TaskRequest(2, 7)).columns["error"]
     assert "column" in errors[0] and "declared" in errors[0] and "1.5" in errors[1]
 
 
-def test_a_process_that_dies_is_replaced(whole: Table, tmp_path: Path) -> None:
+def test_a_process_that_dies_is_replaced(whole: RowTable, tmp_path: Path) -> None:
     table = run_study(Toy(killing=(5, 17), once=tmp_path), dataclasses.replace(ASKED, jobs=2))
     assert same(table, whole)
 
 
-def test_what_kills_every_process_is_given_up_and_tried_again_when_resumed(whole: Table, tmp_path: Path) -> None:
+def test_what_kills_every_process_is_given_up_and_tried_again_when_resumed(whole: RowTable, tmp_path: Path) -> None:
     asked = dataclasses.replace(ASKED, jobs=2, folder=tmp_path)
     table = run_study(Toy(killing=(5,)), asked)
     assert table.whole and list(np.flatnonzero(~table.sound)) == [4, 5, 6, 7]
@@ -148,14 +147,14 @@ def test_what_kills_every_process_is_given_up_and_tried_again_when_resumed(whole
     assert same(run_study(Toy(), dataclasses.replace(asked, resume=True)), whole)
 
 
-def test_what_takes_too_long_is_ended_and_tried_again(whole: Table, tmp_path: Path) -> None:
+def test_what_takes_too_long_is_ended_and_tried_again(whole: RowTable, tmp_path: Path) -> None:
     asked = dataclasses.replace(ASKED, count=12, folder=tmp_path, longest=0.7)
     table = run_study(Toy(stuck=(5,)), asked)
     assert table.whole and [error[:17] for error in table.columns["error"]] == [""] * 4 + ["ended after 0.7 s"] * 4 + [""] * 4
     assert same(run_study(Toy(), dataclasses.replace(ASKED, folder=tmp_path, resume=True)), whole)
 
 
-def test_ctrl_c_ends_it_within_two_seconds_and_keeps_what_had_ended(whole: Table, tmp_path: Path) -> None:
+def test_ctrl_c_ends_it_within_two_seconds_and_keeps_what_had_ended(whole: RowTable, tmp_path: Path) -> None:
     asked = dataclasses.replace(ASKED, jobs=2, folder=tmp_path)
     came: list[float] = []
 
@@ -203,7 +202,7 @@ def test_one_process_a_folder(tmp_path: Path) -> None:
         run_study(Toy(), dataclasses.replace(ASKED, folder=tmp_path))
 
 
-def test_damaged_and_half_written_shards_are_computed_again(whole: Table, tmp_path: Path) -> None:
+def test_damaged_and_half_written_shards_are_computed_again(whole: RowTable, tmp_path: Path) -> None:
     kept = dataclasses.replace(ASKED, folder=tmp_path)
     run_study(Toy(), dataclasses.replace(kept, count=10))
     run_study(Toy(), dataclasses.replace(kept, count=20, resume=True))
@@ -216,7 +215,7 @@ def test_damaged_and_half_written_shards_are_computed_again(whole: Table, tmp_pa
     assert [path.name for path in tmp_path.glob("*.damaged")] == ["rows-000000.damaged"] and not list(tmp_path.glob(".*.part"))
 
 
-def test_many_shards_become_one_and_a_kill_between_costs_nothing(whole: Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_shards_become_one_and_a_kill_between_costs_nothing(whole: RowTable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shards, "EVERY", -1.0)
     monkeypatch.setattr(shards, "MANY", 3)
     kept = dataclasses.replace(ASKED, folder=tmp_path)
@@ -229,7 +228,7 @@ def test_many_shards_become_one_and_a_kill_between_costs_nothing(whole: Table, t
     assert same(run_study(Toy(), dataclasses.replace(kept, resume=True)), whole)
 
 
-def test_a_full_disk_is_one_line_and_costs_no_row(whole: Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_one_line_and_costs_no_row(whole: RowTable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shards, "EVERY", -1.0)
     kept = dataclasses.replace(ASKED, folder=tmp_path)
     calls: list[int] = []
@@ -270,7 +269,7 @@ def test_a_script_without_a_guard_is_not_run_again_by_its_processes_which_have_o
     assert found.stdout.split() == ["once", *["1"] * 12] and found.stderr == ""
 
 
-def test_rows_read_back_as_a_frame(tmp_path: Path, whole: Table) -> None:
+def test_rows_read_back_as_a_frame(tmp_path: Path, whole: RowTable) -> None:
     import pandas as pd
 
     run_study(Toy(), dataclasses.replace(ASKED, folder=tmp_path))

@@ -13,7 +13,7 @@ from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.plots.display import display_unit
 from scenarios.studies.rows import Row
 from scenarios.studies.text import with_display
-from scenarios.terminal.display_units import DEGREES, in_hertz, shown_in, told, unit_cell
+from scenarios.terminal.quantities import DEGREES, in_hertz, shown_in, told, unit_cell
 from scenarios.terminal.tables import table_lines
 from sim.effects.library import library
 

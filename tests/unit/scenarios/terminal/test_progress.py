@@ -7,7 +7,7 @@ import time
 import pytest
 
 from scenarios.terminal import progress
-from scenarios.terminal.progress import Told, progress_bar, told_time
+from scenarios.terminal.progress import LastProgress, progress_bar, told_time
 
 
 @pytest.mark.parametrize(
@@ -27,7 +27,7 @@ def test_a_time_is_told_in_two_units_at_most(seconds: float, words: str) -> None
     ],
 )
 def test_what_is_left_follows_from_the_share_done(share: float, words: str) -> None:
-    assert Told("3 of 12 flights", share, since=100.0).line(120.0) == words
+    assert LastProgress("3 of 12 flights", share, since=100.0).line(120.0) == words
 
 
 def test_lines_where_stderr_is_no_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,10 +15,9 @@ from rich.console import Console
 
 from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.studies.campaign import Campaign, Spread
-from scenarios.studies.campaign_text import print_campaign
-from scenarios.terminal.paragraphs import WIDTH, folded, print_paragraph, shortened, wrapped
-from scenarios.terminal.tables import Column, columns_of, print_table, table_lines
+from scenarios.studies.campaign import CampaignRuns, Spread
+from scenarios.studies.campaign_report import print_campaign
+from scenarios.terminal.tables import WIDTH, TableColumn, columns_of, folded, print_paragraph, print_table, shortened, table_lines, wrapped
 from tests.diagnoses import spread_tracing, tracing_of
 from tests.printed_tables import closed, read_back
 
@@ -30,15 +29,15 @@ WIDTHS = st.sampled_from([40, 80, 120, WIDTH])
 
 
 @st.composite
-def tables(draw: st.DrawFn) -> list[Column]:
+def tables(draw: st.DrawFn) -> list[TableColumn]:
     count, rows = draw(st.integers(1, 9)), draw(st.integers(1, 5))
     kinds = draw(st.lists(st.booleans(), min_size=count, max_size=count))
     cells = [draw(st.lists(WORD if left else NUMBER, min_size=rows, max_size=rows)) for left in kinds]
-    names = Column("parameter", [f"Cm_alpha_{i}" for i in range(rows)], left=True)
-    return [names, *(Column(f"heading {i} of it", each, left=left) for i, (left, each) in enumerate(zip(kinds, cells, strict=True)))]
+    names = TableColumn("parameter", [f"Cm_alpha_{i}" for i in range(rows)], left=True)
+    return [names, *(TableColumn(f"heading {i} of it", each, left=left) for i, (left, each) in enumerate(zip(kinds, cells, strict=True)))]
 
 
-def on_console(width: int, title: str, columns: list[Column]) -> list[str]:
+def on_console(width: int, title: str, columns: list[TableColumn]) -> list[str]:
     out = Console(file=io.StringIO(), width=width, markup=False, no_color=True)
     print_table(out, title, columns)
     assert isinstance(out.file, io.StringIO)
@@ -47,7 +46,7 @@ def on_console(width: int, title: str, columns: list[Column]) -> list[str]:
 
 @given(tables(), WIDTHS)
 @settings(max_examples=80)
-def test_what_is_printed_is_read_back_and_every_number_is_whole(columns: list[Column], width: int) -> None:
+def test_what_is_printed_is_read_back_and_every_number_is_whole(columns: list[TableColumn], width: int) -> None:
     lines = table_lines(columns, width=width)
     found = read_back(lines)
     assert found == {closed([column.heading]): [closed([cell]) for cell in column.cells] for column in columns}
@@ -90,7 +89,7 @@ def test_a_campaign_is_whole_in_a_narrow_terminal(width: int) -> None:
     nothing = np.zeros((2, 2))
     seeds, kept, row = np.array([1, 2]), np.ones(2, dtype=bool), np.zeros(2)
     names = ("Cm_alpha", "Cm_q")
-    print_campaign(Campaign(named, named, 1, seeds, names, nothing, nothing, kept, tuple(spreads), spreads[0], 2, row, row, row, named, {}), out)
+    print_campaign(CampaignRuns(named, named, 1, seeds, names, nothing, nothing, kept, tuple(spreads), spreads[0], 2, row, row, row, named, {}), out)
     assert isinstance(out.file, io.StringIO)
     text = out.file.getvalue()
     assert all(len(line) <= width for line in text.splitlines())

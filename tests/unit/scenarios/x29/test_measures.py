@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.x29.measures import Misfit, misfit
+from scenarios.x29.estimating import Misfit, misfit
 from sim.record import Channel, Record
 
 NAMES, STEP, COUNT = ("alpha", "q", "nz"), 0.02, 4000

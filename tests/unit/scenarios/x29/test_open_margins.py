@@ -9,9 +9,21 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from scenarios.x29.loop.matching import MATCHED, PLAUSIBLE, Beginning, Target, beginning, changed, equivalent_of, has_equivalent, match, targets
-from scenarios.x29.loop.open_margins import AIRFRAMES, EVERYTHING, Design, OpenMargins, margins_content, margins_sentence, open_margins
-from scenarios.x29.loop.open_values import OPEN, flown_loop, hypercube, simulated_loop, values_at
+from scenarios.x29.loop import MATCHED, PLAUSIBLE, Beginning, Target, beginning, changed, equivalent_of, has_equivalent, match, targets
+from scenarios.x29.open_margins import (
+    AIRFRAMES,
+    EVERYTHING,
+    OPEN,
+    MarginDesign,
+    OpenMargins,
+    flown_loop,
+    hypercube,
+    margins_content,
+    margins_sentence,
+    open_margins,
+    simulated_loop,
+    values_at,
+)
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import equivalent_system, margins
 from tests.oracles.x29_frequency import returned
@@ -111,7 +123,7 @@ def straight(middle: float, slope: float, samples: int = 40) -> OpenMargins:
     places = hypercube(samples, 5)
     simulation = np.full(samples, 37.0)
     flight = simulation + middle + slope * places[:, 4]
-    design = Design(EVERYTHING, places, simulation, flight, np.ones(samples, dtype=bool))
+    design = MarginDesign(EVERYTHING, places, simulation, flight, np.ones(samples, dtype=bool))
     effects = {item.name: slope if item.name == "damping_flight" else 0.0 for item in OPEN}
     return OpenMargins(5, (design,), middle, middle, effects, 1.0)
 

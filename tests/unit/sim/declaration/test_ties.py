@@ -46,7 +46,7 @@ def test_the_tied_parameter_is_held_at_its_tie() -> None:
 def test_a_delay_may_follow_and_be_followed() -> None:
     """Which parameters move the input path and the dynamics follows from the ties."""
     case = case_of("loes")
-    from scenarios.preparation.vehicle_model import model_of_file
+    from scenarios.preparation.declared_model import model_of_file
 
     model = model_of_file(case.vehicle)
     late = compile_model(model.with_ties([Tie("delay", (("inv_tau", 0.01),))]))

@@ -11,7 +11,7 @@ from ident.compatibility.check import compatibility
 from ident.compatibility.kinematics import ARM, BOOM, PACKAGE, SCALE, SensorFault
 from ident.compatibility.signals import shortened
 from ident.compatibility.trials import Compatibility, CompatibilitySettings
-from scenarios.compatibility.text import odds
+from scenarios.compatibility.report import odds
 from sim.errors import RecordError
 from sim.record import Channel, Record
 from tests.oracles.six_degrees import FINE, LATERAL, SPEED, WHOLE, Faults, fly, shown

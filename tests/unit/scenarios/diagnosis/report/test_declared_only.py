@@ -16,11 +16,9 @@ from scenarios.diagnosis.report.page import diagnosis_page
 from scenarios.diagnosis.report.pictures.figures import figures_of
 from scenarios.diagnosis.report.pictures.pictured import pictured
 from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.pages.numbers import signs
-from scenarios.pages.rendering import page_html
-from scenarios.terminal.display_units import is_frequency
-from scenarios.terminal.numbers import derived_line
-from scenarios.terminal.quantities import displayed, value_text, with_sigma
+from scenarios.pages.folder import page_html
+from scenarios.pages.model import signs
+from scenarios.terminal.quantities import derived_line, displayed, is_frequency, value_text, with_sigma
 from tests.diagnoses import tracing_of
 
 OTHERS = [verdict for verdict in Verdict if verdict is not Verdict.UNEXPLAINED]

@@ -19,7 +19,7 @@ from scenarios.diagnosis.report.tables import SIGMA_NOTE, candidate_row
 from scenarios.diagnosis.report.text import diagnosis_text, headline
 from scenarios.diagnosis.report.wording import Wording, group_sentence
 from scenarios.files.writing import json_text
-from scenarios.pages.rendering import page_html
+from scenarios.pages.folder import page_html
 from tests.diagnoses import LATE, each_record, spread_tracing, tracing_of
 
 

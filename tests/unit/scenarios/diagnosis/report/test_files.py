@@ -23,9 +23,8 @@ from scenarios.diagnosis.report.pictures.handover import packed, unpacked
 from scenarios.diagnosis.report.pictures.pictured import pictured
 from scenarios.diagnosis.report.pictures.process import Drawer, drawing, figure_process
 from scenarios.pages.folder import rebuilt
-from scenarios.plots.formats import USUAL
-from scenarios.plots.page.named import gathered
-from scenarios.plots.tracing.reasons import Standing
+from scenarios.plots.display import Standing
+from scenarios.plots.formats import USUAL, gathered
 from tests.diagnoses import BALLISTIC, LOES, spread_tracing, tracing_of
 
 FIGURES = {"held_out.png", "residuals.png", "evidence.png", "derivatives.png", "spectra.png"}

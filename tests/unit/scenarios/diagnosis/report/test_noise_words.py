@@ -17,7 +17,7 @@ from scenarios.diagnosis.report.pictures.pictured import pictured
 from scenarios.diagnosis.report.tables import error_headings, error_rows
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.pages.rendering import page_html
+from scenarios.pages.folder import page_html
 from sim.record import Channel, Record
 from tests.diagnoses import NOISE, tracing_of
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenarios.diagnosis.candidates import candidates_for
-from scenarios.files.own_models import read_own_model
+from scenarios.files.user_models import read_own_model
 from sim.declaration.proposal import SearchContext
 from sim.effects.library import effects_for
 from sim.effects.parameter_jump import LARGEST, USUAL, ParameterJump

@@ -1,0 +1,500 @@
+"""Examination of records in Python: `check`, `find_maneuvers` and `frequency_response`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.flying_qualities.stability_margins import Margin
+from ident.frequency_response import LEAST_COHERENCE
+from scenarios import maneuvers
+from scenarios.api import plot, tables
+from scenarios.api.records import Choices, choices_of
+from scenarios.api.requests import KEPT, Found, Named, Source, Times, file_of, plan_from, request_of, with_parts
+from scenarios.api.shown import write_report
+from scenarios.api.vehicle import Vehicle
+from scenarios.compatibility import check as checking
+from scenarios.compatibility.report import finding_lines
+from scenarios.files.channels import read_channel_map
+from scenarios.plots.formats import formats_wanted
+from scenarios.preparation.maneuver_file import Parts
+from scenarios.responses import analysis
+from scenarios.responses.fitting import FitOptions
+from scenarios.responses.qualities import LevelOptions
+from scenarios.responses.reading import Names
+from sim.errors import DeclarationError
+
+if TYPE_CHECKING:
+    import control
+    import pandas
+
+
+# ---- check in Python: what the kinematics alone say of the sensors
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Check:
+    """What the kinematics say of the sensors. ``details``: everything that the library knows of it."""
+
+    details: checking.CompatibilityCheck
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Names of the sensor faults that stand, ``"delay:alpha"`` and the like."""
+        return tuple(dict.fromkeys(finding.name for finding in self.details.result.findings if finding.stands))
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What stands and what cannot be told, one sentence each."""
+        return tuple(finding_lines(self.details))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that took part."""
+        return tuple(self.details.result.channels)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the records, one sentence each."""
+        return (*self.details.look.doubts, *self.details.look.set_aside)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """How the records were prepared, one sentence each."""
+        return (*self.details.notes, *self.details.result.notes)
+
+    def summary(self) -> str:
+        """What the command prints."""
+        from scenarios.compatibility.report import print_check
+        from scenarios.terminal.quantities import as_text
+
+        return as_text(lambda out: print_check(self.details, out, KEPT))
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One row a sensor fault, from all records together: value and sigma by output error and by the smoother, gain, p, whether it stands."""
+        import pandas
+
+        stands = set(self.findings)
+        rows = [
+            {
+                "fault": item.name,
+                "unit": item.unit,
+                "value": item.output_error.value,
+                "sigma": item.output_error.std,
+                "smoother_value": item.smoother.value,
+                "smoother_sigma": item.smoother.std,
+                "gain": item.gain,
+                "p_value": item.p_value,
+                "stands": item.name in stands,
+            }
+            for item in self.details.result.joint.estimates
+        ]
+        columns = ["fault", "unit", "value", "sigma", "smoother_value", "smoother_sigma", "gain", "p_value", "stands"]
+        return pandas.DataFrame(rows, columns=columns).set_index("fault")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of ``compatibility.json``."""
+        from scenarios.compatibility.report import check_content
+
+        return check_content(self.details)
+
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+        """Write the study as the command does with ``--out``; returns the folder."""
+        from scenarios.compatibility.report import write_check
+
+        return write_check(self.details, Path(folder), figures=formats_wanted(figures))
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
+
+    @property
+    def plot(self) -> plot.Figures:
+        """Figures of this result: ``found.plot.reconstruction()``."""
+        return plot.Figures(self, plot.reconstruction)
+
+    def __repr__(self) -> str:
+        names = ", ".join(record.name for record in self.details.records)
+        return f"<Check of {names:.200}: {'; '.join(self.sentences) or 'nothing stands':.600}>"
+
+    def _repr_html_(self) -> str:
+        names = ", ".join(record.name for record in self.details.records)
+        return tables.page(f"data compatibility of {names}", tables.sentences(self.sentences), tables.sentences(self.warnings))
+
+
+def check(
+    records: Source | Sequence[Source],
+    vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
+    *,
+    channels: Choices | None = None,
+    columns: str | Sequence[str] | None = None,
+    start: Times = None,
+    stop: Times = None,
+    maneuver: Named = None,
+    maneuvers: Found = None,
+    hold: str | None = None,
+    rate: float | None = None,
+    lowpass: float | None = None,
+    trust_record: bool = False,
+) -> Check:
+    """What the kinematics alone say of the sensors: ``flightid check`` in Python; parameters as in ``identify``.
+
+    Raises
+    ------
+    InputError : anything in the records that keeps them from being used, in one line.
+    """
+    plan = plan_from(start, stop, hold, rate, lowpass, trust_record, columns)
+    request = with_parts(request_of(records, "", vehicle, channels=channels, plan=plan), maneuver, maneuvers)
+    return Check(checking.check_files(request))
+
+
+# ---- maneuvers in Python: the maneuvers in a long record
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Maneuvers:
+    """The maneuvers of a record. ``details``: everything that the library knows of them."""
+
+    details: maneuvers.FoundManeuvers
+
+    @property
+    def parts(self) -> Parts:
+        """The parts of the record to use, which ``identify`` and ``diagnose`` take as ``maneuvers``."""
+        return self.details.parts
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know, one sentence each."""
+        return self.details.cautions
+
+    def __len__(self) -> int:
+        return len(self.details.maneuvers)
+
+    def summary(self) -> str:
+        """What the command prints."""
+        from scenarios.maneuvers import print_maneuvers
+        from scenarios.terminal.quantities import as_text
+
+        return as_text(lambda out: print_maneuvers(self.details, out, KEPT))
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One row a maneuver by its number: times of the input, the part to use, axis, kind, channel, amplitude (SI), t values."""
+        import pandas
+
+        rows = self.to_dict()["maneuvers"]
+        flat = [
+            {key: value for key, value in row.items() if key != "excitation"} | {f"t_{name}": value for name, value in row["excitation"].items()}
+            for row in rows
+        ]
+        columns = ["number", "name", "start", "end", "from", "to", "axis", "kind"]
+        frame = pandas.DataFrame(flat) if flat else pandas.DataFrame(columns=columns)
+        return frame.set_index("number")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of ``maneuvers.json``."""
+        from scenarios.maneuvers import maneuvers_content
+
+        return maneuvers_content(self.details)
+
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+        """Write ``maneuvers.toml``, figure and page as the command does with ``--out``; returns the folder."""
+        from scenarios.maneuvers import write_maneuvers
+
+        return write_maneuvers(self.details, Path(folder), figures=formats_wanted(figures))
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figure; returns the path."""
+        return write_report(self.save, path)
+
+    @property
+    def plot(self) -> plot.Figures:
+        """Figures of this result: ``found.plot.maneuvers()``."""
+        return plot.Figures(self, plot.maneuvers)
+
+    def __repr__(self) -> str:
+        return f"<Maneuvers of {self.details.identity.name:.200}: {len(self)}>"
+
+    def _repr_html_(self) -> str:
+        rows = [[str(m.number), m.name, f"{m.found.start:.2f}", f"{m.found.end:.2f}"] for m in self.details.maneuvers]
+        title = f"maneuvers of {self.details.identity.name}"
+        return tables.page(
+            title,
+            tables.table(("no.", "maneuver", "start, s", "end, s"), rows, left=2),
+            tables.sentences(self.warnings),
+        )
+
+
+def find_maneuvers(
+    record: Source, *, channels: Choices | None = None, columns: str | Sequence[str] | None = None, rate: float | None = None
+) -> Maneuvers:
+    """Find the maneuvers in a record of any length: ``flightid maneuvers`` in Python.
+
+    Parameters
+    ----------
+    record : a ``Record``, or whatever ``read_record`` takes.
+    channels : a channel map as in ``read_record``. columns : names of the columns of a file without
+        a header, in their order.
+    rate : Hz, of a file without a clock, or of the grid of a log's topics.
+
+    Raises
+    ------
+    InputError : anything in the record that keeps it from being searched, in one line.
+    """
+    chosen = choices_of(channels)
+    plan = plan_from(None, None, None, rate, None, False, columns)
+    return Maneuvers(maneuvers.maneuvers_of(file_of(record), read_channel_map(chosen) if chosen is not None else None, plan))
+
+
+# ---- response in Python: frequency responses of any record
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FrequencyResponse:
+    """Frequency responses of m outputs to q inputs. ``details``: everything the library knows."""
+
+    details: analysis.Responses
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return self.details.names.inputs
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return self.details.names.outputs
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Frequencies in Hz, ``(F,)``."""
+        return self.details.found.frequency
+
+    @property
+    def response(self) -> np.ndarray:
+        """Complex responses ``(m, q, F)``, in the unit of output over input."""
+        return self.details.found.response
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations of the real and of the imaginary part, ``(m, q, F)``."""
+        return self.details.found.std
+
+    @property
+    def coherence(self) -> np.ndarray:
+        """Multiple coherence ``(m, F)``; of one input its ordinary coherence."""
+        return self.details.found.coherence
+
+    @property
+    def usable(self) -> np.ndarray:
+        """The usable band, bool ``(m, q, F)``."""
+        return self.details.found.usable
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know, one sentence each."""
+        return self.details.cautions
+
+    def summary(self) -> str:
+        """What the command prints."""
+        from scenarios.responses.text import print_responses
+        from scenarios.terminal.quantities import as_text
+
+        return as_text(lambda out: print_responses(self.details, out, KEPT))
+
+    def to_dataframe(self, output: str | None = None, input: str | None = None) -> pandas.DataFrame:
+        """Numbers of one response by frequency, with the columns of ``responses.csv``.
+
+        ``output``, ``input`` : which; the first where they are not given.
+        """
+        import pandas
+
+        from scenarios.responses.files import response_columns
+
+        row = _place(output, self.outputs, "output")
+        column = _place(input, self.inputs, "input")
+        return pandas.DataFrame(response_columns(self.details, row, column)).set_index("frequency_Hz")
+
+    def to_control(self) -> control.FrequencyResponseData:
+        """The responses as python-control's, with the names of the signals, rad/s."""
+        return self.details.to_control()
+
+    @property
+    def flying_qualities(self) -> dict[str, dict[str, tuple[float, float]]]:
+        """Value and standard deviation of every flying quality by response, ``"q/stick"``."""
+        return {each.name: {name: (one.value, one.std) for name, (one, _) in each.numbers.items()} for each in self.details.qualities}
+
+    @property
+    def margins(self) -> dict[str, dict[str, float]]:
+        """Stability margins of all records together: ``value``, ``std``, ``low`` and ``high`` of the
+        95 % interval, ``frequency`` in rad/s, by ``"gain_increase"`` and so on; dB, deg, s."""
+        loop = self.details.loop
+        return {} if loop is None else {name: _margin(each) for name, each in loop.margins.named.items()}
+
+    @property
+    def worst_margins(self) -> dict[str, dict[str, Any]]:
+        """The least of each margin over the maneuvers: ``value``, ``half_width`` of the interval that
+        holds for all together, ``maneuver``, ``p_alike``; empty with one maneuver."""
+        from scenarios.responses.loops import margins_content
+
+        loop = self.details.loop
+        worst: Any = {} if loop is None else margins_content(loop).get("worst", {})
+        return dict(worst)
+
+    @property
+    def levels(self) -> dict[str, dict[str, tuple[int, int, int]]]:
+        """Level of each quantity of a fitted form by response: level (4: outside all), best and worst
+        within two standard deviations."""
+        return {
+            each.name: {one.quality.name: (one.level, one.best, one.worst) for one in each.levels} for each in self.details.qualities if each.levels
+        }
+
+    def to_transfer_function(self, output: str | None = None, input: str | None = None, pade: int = 2) -> control.TransferFunction:
+        """The fitted transfer function of one response as python-control's.
+
+        ``output``, ``input`` : which; the first where they are not given. ``pade`` : order of the
+        approximation of its delay; 0 leaves the delay out. Raises InputError where none is fitted.
+        """
+        import control
+
+        row = _place(output, self.outputs, "output")
+        column = _place(input, self.inputs, "input")
+        fits = self.details.fits
+        fitted = fits.of(row, column) if fits is not None else None
+        if fitted is None:
+            remedy = "name a form (fit)"
+            raise DeclarationError("no transfer function is fitted", where="response", remedy=remedy)
+        function, _ = fitted
+        plain = control.tf(function.numerator, function.denominator)
+        late = function.values["delay"]
+        return plain if pade < 1 or not late > 0.0 else plain * control.tf(*control.pade(late, pade))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of ``responses.json``."""
+        from scenarios.responses.files import responses_content
+
+        return responses_content(self.details)
+
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+        """Write JSON, CSV, figures and page as the command does with ``--out``; returns the folder."""
+        from scenarios.responses.files import write_responses
+
+        return write_responses(self.details, Path(folder), figures=formats_wanted(figures))
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
+
+    @property
+    def plot(self) -> plot.Figures:
+        """Figures of this result: ``found.plot.response()``, ``mismatch()``, ``bandwidth()``,
+        ``loop()``."""
+        return plot.Figures(self, plot.response, plot.mismatch, plot.bandwidth, plot.loop)
+
+    def __repr__(self) -> str:
+        some = ", ".join(f"{output}/{one}" for output in self.outputs for one in self.inputs)
+        return f"<FrequencyResponse {some:.200}: {self.frequency.size} frequencies>"
+
+    def _repr_html_(self) -> str:
+        from scenarios.responses.text import band_sentence
+
+        rows = [[name, band_sentence(self.details, row, column)] for row, column, name in analysis.pairs(self.details)]
+        title = f"frequency responses of {', '.join(self.details.parts[:3])}"
+        table = tables.table(("response", "usable band"), rows, left=2)
+        return tables.page(title, table, tables.sentences(self.warnings))
+
+
+def frequency_response(
+    records: Source | Sequence[Source],
+    input: str | Sequence[str],
+    output: str | Sequence[str],
+    *,
+    reference: str | Sequence[str] = (),
+    channels: Choices | None = None,
+    columns: str | Sequence[str] | None = None,
+    start: Times = None,
+    stop: Times = None,
+    maneuver: Named = None,
+    maneuvers: Found = None,
+    hold: str | None = None,
+    rate: float | None = None,
+    lowpass: float | None = None,
+    band: tuple[float, float] | None = None,
+    window: float | Sequence[float] = (),
+    tapers: int = 0,
+    coherence: float = LEAST_COHERENCE,
+    fit: str | Sequence[str] | Mapping[str, str] = (),
+    fix: Mapping[str, float] | None = None,
+    shared_poles: bool = False,
+    bandwidth: str | None = None,
+    margins: str | None = None,
+    levels: str | None = None,
+    airspeed: float | None = None,
+) -> FrequencyResponse:
+    """Estimate frequency responses from records: ``flightid response`` in Python.
+
+    Parameters
+    ----------
+    records : one or several, which are pooled; each a ``Record`` or whatever ``read_record`` takes.
+    input, output : names of columns or channels, one or a list. Several inputs give conditioned
+        responses: of each input with the others held.
+    reference : with feedback, excitations that the noise does not reach, one for each input.
+    channels, columns, start, stop, maneuver, maneuvers, hold, rate, lowpass : as in ``identify``.
+    band : lowest and highest frequency, Hz; None takes it from the windows and the inputs' power.
+    window : lengths of the windows, s; none takes four. tapers : sine tapers instead of windows.
+    coherence : least one of the usable band.
+    fit : form of a transfer function for every output, or ``{output: form}``: ``"pitch"``,
+        ``"roll"``, ``"dutch-roll"``, ``"roll-and-dutch-roll"``, or orders such as ``"1/2"``.
+    fix : parameters of the forms that are held. shared_poles : one denominator for all.
+    bandwidth : ``"rate"`` or ``"attitude"``, what the outputs are: gives bandwidth and phase delay.
+    margins : ``"minus"`` or ``"plus"``: stability margins of a loop. ``input`` is the signal behind
+        the sum, ``output`` the one that returns into it with this sign, ``reference`` the
+        excitation that is added.
+    levels : class of aircraft and category of flight phase, ``"IV-A"``: levels of fitted forms.
+    airspeed : m/s: n/alpha and CAP of a fitted ``"pitch"``.
+
+    Raises
+    ------
+    InputError : anything in records or arguments that keeps them from being used, in one line.
+    """
+    plan = plan_from(start, stop, hold, rate, lowpass, False, columns)
+    request = with_parts(request_of(records, channels=channels, plan=plan), maneuver, maneuvers)
+    names = Names(_names(input), _names(output), _names(reference))
+    given = None if band is None else (float(band[0]), float(band[1]))
+    options = analysis.Options(given, _lengths(window), tapers, coherence)
+    forms = tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else _names(fit)
+    held = tuple(f"{name}={float(value)!r}" for name, value in (fix or {}).items())
+    wanted = FitOptions(forms, held, shared_poles)
+    return FrequencyResponse(analysis.responses_of(request, names, options, wanted, bandwidth, margins, LevelOptions(levels, airspeed)))
+
+
+def _margin(one: Margin) -> dict[str, float]:
+    return {
+        "value": one.size.value,
+        "std": one.size.std,
+        "low": one.low,
+        "high": one.high,
+        "frequency": one.frequency.value,
+    }
+
+
+def _names(given: str | Sequence[str]) -> tuple[str, ...]:
+    return (given,) if isinstance(given, str) else tuple(given)
+
+
+def _place(name: str | None, names: Sequence[str], kind: str) -> int:
+    if name is None:
+        return 0
+    if name not in names:
+        remedy = f"it has {', '.join(names)}"
+        raise DeclarationError(f"there is no {kind} {name!r}", where="response", remedy=remedy)
+    return list(names).index(name)
+
+
+def _lengths(given: float | Sequence[float]) -> tuple[float, ...]:
+    several = [given] if isinstance(given, int | float) else given
+    return tuple(map(float, several))

@@ -1,1 +1,0 @@
-"""Flights that have not been flown, in Python."""

@@ -1,0 +1,214 @@
+"""Records in Python: read from files, DataFrames and arrays, and given on to pandas, xarray and python-control."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scenarios.api import tables
+from scenarios.api.records import (
+    INPUTS,
+    ChannelColumn,
+    Choices,
+    Units,
+    columns_of,
+    columns_of_record,
+    file_of_columns,
+    opened_source,
+    refuse_unreadable,
+)
+from scenarios.files.channel_names import TIME
+from scenarios.files.measured.record_file import RecordFile
+from scenarios.files.records import refuse_without_clock, window_of
+from sim import record as sim_record
+from sim.errors import RecordError
+
+if TYPE_CHECKING:
+    import control
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Record:
+    """Measured signals on one time base, as they came: nothing is converted before it is asked for.
+
+    ``record["alpha"]`` is a channel in SI and radians, NaN where a sample is missing; ``time`` in s. Channels are found by their names and
+    units as in files (``alpha``, ``alpha_deg``, ``q [deg/s]``); columns that are no channel we know keep their names and numbers.
+
+    Attributes
+    ----------
+    file : the content with its name, units and channel map.
+    """
+
+    file: RecordFile
+    _inputs: tuple[str, ...] | None = None
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        return self.file.identity.name
+
+    @property
+    def hold(self) -> str:
+        """Behaviour of the inputs between samples: ``"previous"`` or ``"linear"``."""
+        return self.file.sidecar.hold.value
+
+    @cached_property
+    def _columns(self) -> dict[str, ChannelColumn]:
+        return columns_of(self.file)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Channels, time left out."""
+        return tuple(self._columns)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each channel's values."""
+        return {name: column.unit for name, column in self._columns.items()}
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Channels that are controls; of names that are not ours those that were named as inputs."""
+        chosen = INPUTS if self._inputs is None else self._inputs
+        return tuple(name for name in self.names if name in chosen)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """Channels that are no controls."""
+        return tuple(name for name in self.names if name not in self.input_names)
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """Time stamps, s, shape ``(N,)``. Raises InputError where they do not increase or one is missing."""
+        return window_of(self.file)[0]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name == TIME:
+            return self.time
+        if name not in self._columns:
+            refuse_unreadable(self.file, name)
+            raise RecordError(f"there is no channel {name!r}", where=self.name, remedy=f"it has {', '.join(self._columns)}")
+        return self._columns[name].values()
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._columns or name == TIME
+
+    def __len__(self) -> int:
+        return int(self.file.table.rows.size)
+
+    def __repr__(self) -> str:
+        shown = ", ".join(self.names[:8]) + (", ..." if len(self.names) > 8 else "")
+        return f"<Record {self.name}: {len(self)} samples of {shown}>"
+
+    def _repr_html_(self) -> str:
+        try:
+            span = f"{len(self)} samples, {self.time[0]:g} to {self.time[-1]:g} s"
+        except RecordError as error:
+            span = str(error)
+        rows = [[name, self.units[name], *self._span_of(name)] for name in self.names]
+        return tables.page(f"{self.name}: {span}", tables.table(("channel", "unit", "least", "most", "missing"), rows, left=2))
+
+    def _span_of(self, name: str) -> list[str]:
+        """The least and the greatest value and how many are missing; of a faulty column what is wrong."""
+        try:
+            values = self[name]
+        except RecordError as error:
+            return [str(error), "", ""]
+        known = values[np.isfinite(values)]
+        ends = [f"{known.min():.4g}", f"{known.max():.4g}"] if known.size else ["-", "-"]
+        return [*ends, str(values.size - known.size)]
+
+    def window(self, start: float | None = None, stop: float | None = None) -> Record:
+        """The rows from ``start`` to ``stop`` (s, both included) as a record of their own; None leaves that end open.
+
+        Raises InputError where there is no such row.
+        """
+        from scenarios.api.records import rows_of_file
+
+        return replace(self, file=rows_of_file(self.file, start, stop))
+
+    def plot(self) -> Figure:
+        """Inputs and outputs against time, angles in degrees."""
+        from scenarios.api import plot
+
+        return plot.record(self)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """A DataFrame with the index ``time`` (s); units, name, hold and inputs are in its ``attrs``."""
+        from scenarios.api.records import to_pandas
+
+        return to_pandas(self)
+
+    @staticmethod
+    def from_pandas(frame: pandas.DataFrame, **told: Any) -> Record:
+        """As ``read_record``; what ``to_pandas`` put into ``attrs`` is taken from there."""
+        return read_record(frame, **told)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """A Dataset over ``time``; each variable's unit in its attributes. Needs xarray."""
+        from scenarios.api.records import to_xarray
+
+        return to_xarray(self)
+
+    @staticmethod
+    def from_xarray(dataset: xarray.Dataset, **told: Any) -> Record:
+        """As ``read_record``; units from the attributes ``units`` of the variables."""
+        return read_record(dataset, **told)
+
+    def to_control(self) -> control.TimeResponseData:
+        """python-control's response with named inputs and outputs, SI."""
+        from scenarios.api.records import to_control
+
+        return to_control(self)
+
+    @staticmethod
+    def from_control(response: control.TimeResponseData, **told: Any) -> Record:
+        """As ``read_record``; names are the response's labels."""
+        return read_record(response, **told)
+
+
+def read_record(
+    source: str | PathLike[str] | Mapping[str, Any] | Any,
+    *,
+    units: Units | None = None,
+    channels: Choices | None = None,
+    inputs: Iterable[str] | None = None,
+    hold: str | None = None,
+    name: str | None = None,
+) -> Record:
+    """A record from a file, a DataFrame, named arrays, an xarray Dataset or a python-control response.
+
+    Parameters
+    ----------
+    source : path of a file of any format that ``flightid map`` reads; a DataFrame, whose
+        time is a column ``time`` or its index (datetimes, timedeltas, or an index
+        named time); a mapping of names to arrays, or a structured array; a Dataset; a TimeResponseData; a record.
+    units : channel or column -> unit, of columns whose name does not say it, ``{"alpha": "deg"}``.
+    channels : channel -> column where names are not ours, ``{"alpha": "AoA1"}`` or ``{"alpha": ("AoA1", "deg")}``; or a channel map's path.
+    inputs : which channels are controls; else elevator, stick, aileron, rudder and thrust.
+    hold : ``"previous"`` or ``"linear"``, how inputs behave between samples; else as the sidecar says or the data do.
+    name : what messages call a record in memory; a file has its own.
+
+    Raises
+    ------
+    InputError : it is no record, has no time, or what is said of it does not fit, in one line.
+    """
+    if isinstance(source, Record):
+        return source
+    file, told = opened_source(source, units=units, channels=channels, hold=hold, name=name)
+    refuse_without_clock(file)
+    return Record(file, tuple(inputs) if inputs is not None else told)
+
+
+def record_of(record: sim_record.Record) -> Record:
+    """A record of the library as one of users, in SI."""
+    columns, units = columns_of_record(record)
+    return Record(file_of_columns(columns, record.name, units, record.hold), record.input_names)

@@ -1,1 +1,0 @@
-"""Records in memory, and their way to and from the containers of other packages."""

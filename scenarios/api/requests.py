@@ -1,0 +1,343 @@
+"""From keywords to requests: scenarios of every kind run, records flown for their data alone."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, SupportsFloat
+
+from scenarios.api import tables
+from scenarios.api.record import Record as ApiRecord
+from scenarios.api.record import record_of
+from scenarios.api.records import Choices, choices_of, numbered_apart, opened_source
+from scenarios.api.vehicle import Vehicle, source_of
+from scenarios.files.declarations import named_after
+from scenarios.files.measured.record_file import RecordFile, refuse_twice
+from scenarios.files.user_models import OwnModel, model_in_memory
+from scenarios.files.vehicles import MODELS
+from scenarios.plots.formats import Formats
+from scenarios.preparation.plan import Plan, Request, plan_of
+from scenarios.studies.catalogue import load_document, scenario_file, scenario_kind
+from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
+from sim.errors import DeclarationError, RecordError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from sim.record import Record
+
+
+# ---- Scenarios of every kind
+
+Progress = Callable[[str, float], None]
+KEPT = "below; save(FOLDER) keeps them"  # where more is to be read than a summary says, in Python
+
+
+class Write(Protocol):
+    """Writes a study into a folder, whole or not at all."""
+
+    def __call__(self, study: Any, folder: Path, /, *, figures: Formats) -> object: ...
+
+
+@dataclass(frozen=True)
+class Runner:
+    """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with figures of some formats, and printed.
+
+    ``show`` prints a study, which says where else its details are. ``text``: what is printed where the output is no terminal, for Python.
+    ``counted``: the share done that it tells is a measure of its time, as that of a search is not.
+    """
+
+    run: Callable[[int | None, Progress], Any]
+    write: Write
+    show: Callable[[Any, str], None]
+    text: Callable[[Any], str]
+    counted: bool = True
+
+
+def untold(stage: str, share: float) -> None:
+    """Progress that nobody asked for."""
+
+
+def _identification(name: str, changes: Sequence[str]) -> Runner:
+    from scenarios.studies.catalogue import load_scenario
+    from scenarios.studies.comparison import check_display
+    from scenarios.studies.folder import write_study
+    from scenarios.studies.study import StudyResult, fly_repeatedly, run_scenario
+    from scenarios.studies.sweep import sweep_flexibility
+    from scenarios.studies.text import print_study
+
+    scenario = load_scenario(name, changes)
+
+    def run(seed: int | None, progress: Progress) -> StudyResult:
+        study = run_scenario(scenario, seed)
+        check_display(study)
+        sweep = sweep_flexibility(scenario, study.record, study.seed, progress)
+        return replace(study, repeated=fly_repeatedly(scenario, seed, progress), sweep=sweep)
+
+    return Runner(run, write_study, _on_console(print_study), _as_text(print_study))
+
+
+def _trace(name: str, changes: Sequence[str]) -> Runner:
+    from scenarios.trials.planted.files import write_trace
+    from scenarios.trials.planted.schema import trace_scenario_of
+    from scenarios.trials.planted.study import run_trace
+    from scenarios.trials.planted.text import trace_text
+
+    run = partial(run_trace, trace_scenario_of(*load_document(name, changes)))
+    return Runner(run, write_trace, _printed(trace_text), partial(trace_text, details=KEPT), counted=False)
+
+
+def _loop(name: str, changes: Sequence[str]) -> Runner:
+    from scenarios.x29.files import write_loop
+    from scenarios.x29.printing import print_loop
+    from scenarios.x29.study import loop_scenario, run_loop
+
+    scenario = loop_scenario(name, changes)
+    return Runner(lambda seed, progress: run_loop(scenario, seed), write_loop, _on_console(print_loop), _as_text(print_loop))
+
+
+def _sweep(name: str, changes: Sequence[str]) -> Runner:
+    from scenarios.trials.sweeps.declaration import sweep_scenario_of
+    from scenarios.trials.sweeps.study import print_sweep, run_sweep, write_sweep
+
+    run = partial(run_sweep, sweep_scenario_of(*load_document(name, changes)))
+    return Runner(run, write_sweep, _on_console(print_sweep), _as_text(print_sweep))
+
+
+def _flown_only(name: str, changes: Sequence[str]) -> Runner:
+
+    remedy = f"use flightid simulate {name} --out flight.csv, and then identify or diagnose"
+    raise DeclarationError("a flight by JSBSim is a record without a study", where=scenario_file(name), remedy=remedy)
+
+
+def _as_text(show: Callable[[Any, Console, str], None]) -> Callable[[Any], str]:
+    """A study's text where it is shown on a console."""
+
+    def text(study: Any) -> str:
+        from scenarios.terminal.quantities import as_text
+
+        return as_text(lambda out: show(study, out, KEPT))
+
+    return text
+
+
+def _on_console(show: Callable[..., None]) -> Callable[[Any, str], None]:
+    """Prints a study with rich, and where its details are."""
+    return lambda study, details: show(study, details=details)
+
+
+def _printed(text: Callable[[Any, int, str], str]) -> Callable[[Any, str], None]:
+    """Prints a study's text as wide as the terminal is."""
+
+    def show(study: Any, details: str) -> None:
+        from scenarios.terminal.tables import terminal_width
+
+        print(text(study, terminal_width(), details), end="")
+
+    return show
+
+
+LOADERS: Mapping[str, Callable[[str, Sequence[str]], Runner]] = {
+    "identification": _identification,
+    "trace": _trace,
+    "x29": _loop,
+    "sweep": _sweep,
+    "jsbsim": _flown_only,
+}
+
+
+def flown_record(name: str, seed: int | None, changes: Sequence[str]) -> Record:
+    """The record of a scenario that is flown once, by estimators or in closed loop."""
+    from scenarios.studies.catalogue import load_scenario
+
+    if scenario_kind(name) == "sweep":
+        import numpy as np
+
+        from scenarios.trials.sweeps.declaration import sweep_scenario_of
+        from scenarios.trials.sweeps.flight import fly_sweep
+
+        sweep = sweep_scenario_of(*load_document(name, changes))
+        with named_after(scenario_file(name)):
+            return fly_sweep(sweep, np.random.default_rng(sweep.seed if seed is None else seed))
+    if scenario_kind(name) == "x29":
+        from scenarios.x29.declaration import fly_loop
+        from scenarios.x29.study import loop_scenario
+
+        loop = loop_scenario(name, changes)
+        with named_after(scenario_file(name)):
+            return fly_loop(loop.flight, loop.seed if seed is None else seed).record
+    from scenarios.studies.estimating import fly_scenario
+
+    scenario = load_scenario(name, changes)
+    with named_after(scenario_file(name)):
+        return fly_scenario(scenario, scenario.seed if seed is None else seed)[0]
+
+
+# ---- From keywords to the request that the commands make of their options
+
+Source = str | PathLike[str] | ApiRecord | Any  # a record, or whatever `read_record` takes
+Declared = str | PathLike[str] | Model  # a model's name, the path of a Python file that holds one of your own, or that model itself
+Times = float | Sequence[float] | None
+Named = int | str | Sequence[int | str] | None  # maneuvers by number or name
+Found = str | PathLike[str] | Any  # what `find_maneuvers` returned, or the path of a file of maneuvers
+
+
+def request_of(
+    records: Source | Sequence[Source],
+    model: Declared = "",
+    vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
+    validate: Source | Sequence[Source] = (),
+    *,
+    effects: str | PathLike[str] | Sequence[Traceable] | None = None,
+    channels: Choices | None = None,
+    plan: Plan,
+    effort: str = "normal",
+    aircraft_class: str | None = None,
+    category: str | None = None,
+) -> Request:
+    """The request; records are opened now, so that a fault in one is told before anything is computed."""
+    fitted, predicted = _listed(records), _listed(validate)
+    if not fitted:
+        raise RecordError("no record is given", where="records", remedy="give one at least")
+    opened = [file_of(each) for each in (*fitted, *predicted)]
+    refuse_twice([file for file in opened if file.in_memory])
+    files = numbered_apart(opened)
+    asked = model_of(model)
+    return Request(
+        tuple(files[: len(fitted)]),
+        asked,
+        source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else None,
+        tuple(files[len(fitted) :]),
+        effects_of(effects),
+        choices_of(channels),
+        plan,
+        effort,
+        aircraft_class,
+        category,
+    )
+
+
+def plan_from(
+    start: Times,
+    stop: Times,
+    hold: str | None,
+    rate: float | None,
+    lowpass: float | None,
+    trust_record: bool,
+    columns: str | Sequence[str] | None = None,
+) -> Plan:
+    """The plan; ``start`` and ``stop`` are one time or one of each maneuver, s; ``columns`` names with commas or as a list."""
+    names = columns if columns is None or isinstance(columns, str) else ",".join(columns)
+    return plan_of(_times(start), _times(stop), hold, rate, lowpass, trusted=trust_record, columns=names)
+
+
+def with_parts(request: Request, asked: Named, found: Found) -> Request:
+    """The request with the parts of the maneuvers that are asked for as its segments. Raises DeclarationError."""
+    from scenarios.preparation.maneuver_file import Parts, with_maneuvers
+
+    several: list[int | str] = [] if asked is None else [asked] if isinstance(asked, int | str) else list(asked)
+    file = Path(found) if isinstance(found, str | PathLike) else getattr(found, "parts", found)
+    if not (file is None or isinstance(file, Path | Parts)):
+        what = f"a {type(found).__name__} holds no maneuvers"
+        raise DeclarationError(what, where="maneuvers", remedy="give what find_maneuvers returned, or a file's path")
+    return replace(request, plan=with_maneuvers(request.plan, request.records, several, file))
+
+
+def model_of(given: Declared) -> str | OwnModel:
+    """A model's name, a path, or a user's model that was made in Python. Raises DeclarationError."""
+    return model_in_memory(given, MODELS) if isinstance(given, Model) else str(given)
+
+
+def effects_of(given: str | PathLike[str] | Sequence[Traceable] | None) -> Path | tuple[Traceable, ...] | None:
+    """Effects of a user's own, or the path of their file."""
+    if given is None or isinstance(given, str | PathLike):
+        return None if given is None else Path(given)
+    if not isinstance(given, list | tuple):
+        raise DeclarationError(f"a {type(given).__name__} is no list of effects", where="effects", remedy="give a list of them, or a file's path")
+    return tuple(given)
+
+
+def _times(given: Times) -> list[float] | None:
+    """Times as the plan takes them. Raises DeclarationError for what is no number."""
+    if given is None:
+        return None
+    several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
+    for each in several:
+        if isinstance(each, bool | str) or not isinstance(each, SupportsFloat):
+            raise DeclarationError(f"{each!r:.60} is no time", where="start, stop", remedy="give a number in s, or a list of them")
+    return [float(each) for each in several]
+
+
+def _listed(given: Source | Sequence[Source]) -> list[Source]:
+    """One record or several as a list."""
+    if given is None:
+        return []
+    return list(given) if isinstance(given, list | tuple) else [given]
+
+
+def file_of(given: Source) -> RecordFile:
+    """The record file of what stands for a record. Raises RecordError."""
+    return given.file if isinstance(given, ApiRecord) else opened_source(given)[0]
+
+
+# ---- Flights of scenarios for their records alone
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Flight:
+    """Records of a flight, those meant to be predicted, and the vehicle as it is declared (None where the scenario has no vehicle file)."""
+
+    records: tuple[ApiRecord, ...]
+    validate: tuple[ApiRecord, ...] = ()
+    vehicle: Vehicle | None = None
+
+    @property
+    def record(self) -> ApiRecord:
+        """The first record."""
+        return self.records[0]
+
+    def __repr__(self) -> str:
+        return f"<Flight: {', '.join(map(repr, self.records[:3]))}{', ...' if len(self.records) > 3 else ''}>"
+
+    def _repr_html_(self) -> str:
+        parts = [each._repr_html_() for each in (*self.records, *self.validate)]
+        return tables.page("flight", *parts, self.vehicle._repr_html_() if self.vehicle is not None else "")
+
+
+def flown(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
+    """Fly a scenario of any kind; the same seed gives the same numbers. Raises FlightidError as the scenario's readers."""
+    kind = scenario_kind(name)
+    return _FLYING[kind](name, seed, changes) if kind in _FLYING else Flight((record_of(flown_record(name, seed, changes)),))
+
+
+def _flights_trace(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
+    from scenarios.trials.planted.flights import fly_trace
+    from scenarios.trials.planted.schema import trace_scenario_of
+
+    scenario = trace_scenario_of(*load_document(name, changes))
+    with named_after(scenario_file(name)):
+        flight = fly_trace(scenario, scenario.seed if seed is None else seed)
+    return Flight((record_of(flight.train),), (record_of(flight.validate),), _vehicle(flight.vehicle_file))
+
+
+def _jsbsim(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
+    from scenarios.trials.jsbsim.flight import fly_jsbsim
+    from scenarios.trials.jsbsim.schema import jsbsim_of
+
+    flight = jsbsim_of(*load_document(name, changes))
+    with named_after(scenario_file(name)):
+        record, _ = fly_jsbsim(flight, flight.seed if seed is None else seed)
+    return Flight((record_of(record),))
+
+
+def _vehicle(text: str) -> Vehicle:
+    content: dict[str, Any] = tomllib.loads(text)
+    return Vehicle(content)
+
+
+_FLYING = {"trace": _flights_trace, "jsbsim": _jsbsim}

@@ -1,0 +1,230 @@
+"""Parameters, effects, responses and the page of a result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.tracing.diagnosis import Diagnosis
+from scenarios.api import tables
+from scenarios.diagnosis.report.text import effect_heading, wording_of
+from scenarios.diagnosis.tracing import Tracing
+from scenarios.files.channel_names import TIME
+from scenarios.identification.assessment import IdentificationResult, RecordFit
+from scenarios.terminal.quantities import determined, number_text, value_text
+from scenarios.terminal.summary import PAGE
+from sim.errors import DeclarationError
+
+if TYPE_CHECKING:
+    import pandas
+
+
+# ---- The page of a result alone, one HTML file that holds its figures
+
+
+def write_report(save: Callable[[Path], Any], path: str | PathLike[str]) -> Path:
+    """Write the page that ``save`` puts into a study's folder; returns the path. Raises DeclarationError where it puts none there."""
+    with TemporaryDirectory(prefix="flightid-") as scratch:
+        folder = Path(scratch) / "study"
+        save(folder)
+        if not (folder / PAGE).is_file():
+            raise DeclarationError("a study of this kind has no page", where="report", remedy="save(FOLDER) writes its files")
+        page = (folder / PAGE).read_bytes()
+    Path(path).write_bytes(page)
+    return Path(path)
+
+
+# ---- Estimated numbers by name, each with its sigma and unit
+
+HEADINGS = ("parameter", "unit", "value", "sigma")
+IN_A_LINE = 4  # parameters that a repr names
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """An estimated number in ``unit``: ``sigma`` is its standard deviation, ``start`` where the search began (None: it is not known)."""
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+    start: float | None = None
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Value minus and plus two sigmas."""
+        return self.value - 2.0 * self.sigma, self.value + 2.0 * self.sigma
+
+    @property
+    def determined(self) -> bool:
+        """Whether the record says anything of it."""
+        return determined(self.value, self.sigma)
+
+    def __float__(self) -> float:
+        return self.value
+
+    def __repr__(self) -> str:
+        return f"{self.name} = {value_text(self.value, self.sigma, self.unit)}"
+
+
+class Parameters(Mapping[str, Parameter]):
+    """Parameters by name, in the order of the estimate."""
+
+    def __init__(self, items: Iterable[Parameter]) -> None:
+        self._items = {item.name: item for item in items}
+
+    def __getitem__(self, name: str) -> Parameter:
+        if name not in self._items:
+            raise KeyError(f"there is no parameter {name!r}: {', '.join(self._items)}")
+        return self._items[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def to_dict(self) -> dict[str, float]:
+        """Values by name."""
+        return {name: item.value for name, item in self._items.items()}
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One row a parameter: ``unit``, ``value``, ``sigma``, and ``start`` where it is known."""
+        import pandas
+
+        index = pandas.Index(list(self._items), name="parameter")
+        items = list(self._items.values())
+        columns = {"unit": [i.unit for i in items], "value": [i.value for i in items], "sigma": [i.sigma for i in items]}
+        if any(item.start is not None for item in items):
+            columns["start"] = [math.nan if item.start is None else item.start for item in items]
+        return pandas.DataFrame(columns, index=index)
+
+    def __repr__(self) -> str:
+        items = list(self._items.values())
+        more = f", and {len(items) - IN_A_LINE} more" if len(items) > IN_A_LINE else ""
+        return f"<{', '.join(map(repr, items[:IN_A_LINE])) or 'no parameters'}{more}>"
+
+    def html_table(self) -> str:
+        """The HTML table alone."""
+        return tables.table(HEADINGS, [row_of(item) for item in self._items.values()], left=2)
+
+    def _repr_html_(self) -> str:
+        return tables.page("parameters", self.html_table())
+
+
+def row_of(item: Parameter) -> tuple[str, str, str, str]:
+    """Name, unit, value and sigma with the digits that the sigma makes sensible."""
+    unit = item.unit if item.unit != "1" else ""
+    if not item.determined:
+        return item.name, unit, "not determined", "-"
+    return item.name, unit, number_text(item.value, item.sigma), number_text(item.sigma, item.sigma)
+
+
+# ---- Signals over time beside a model's, and the errors between them, as DataFrames
+
+ERRORS = ("held_out", "rms", "fit_percent", "r2", "theil")
+
+
+def errors_of(fits: Sequence[RecordFit]) -> pandas.DataFrame:
+    """Errors of the free simulation of each record, by record and channel, SI; a record whose simulation left all measure has no rows."""
+    import pandas
+
+    rows = {
+        (fit.record.name, name): (fit.held_out, fit.figures.rmse[name], fit.fit_percent(name), fit.figures.r2[name], fit.figures.theil[name])
+        for fit in fits
+        if fit.figures is not None
+        for name in fit.figures.rmse
+    }
+    index = pandas.MultiIndex.from_tuples(list(rows), names=["record", "channel"]) if rows else pandas.MultiIndex.from_arrays([[], []])
+    return pandas.DataFrame(list(rows.values()), columns=list(ERRORS), index=index)
+
+
+def response_of(found: IdentificationResult, number: int) -> pandas.DataFrame:
+    """A record over ``time``, SI: the inputs, and of each output what was measured (``alpha``) and what the model says (``predicted_alpha``).
+
+    ``number`` counts the records from 0, those that were not fitted last. Of a filter the fitted record's predictions are one sample ahead.
+    """
+    import pandas
+
+    fitted = (found.record, *found.others)
+    if found.estimate.history is not None and number < len(fitted):
+        record, outputs, rows = fitted[number], found.estimate.output_names, found.estimate.fitted[number]
+    elif 0 <= number < len(found.fits):
+        record, outputs, rows = found.fits[number].record, found.fits[number].outputs, found.fits[number].simulated
+    elif 0 <= number < len(fitted):
+        record, outputs, rows = fitted[number], found.estimate.output_names, found.estimate.fitted[number]
+    else:
+        raise DeclarationError(f"there is no record {number}", where="response", remedy=f"there are {max(len(found.fits), len(fitted))}, from 0 on")
+    columns: dict[str, np.ndarray] = {channel.name: channel.with_gaps() for channel in record.inputs}
+    for name, row in zip(outputs, rows, strict=True):
+        if name in record.output_names:
+            columns |= {name: record[name].with_gaps(), f"predicted_{name}": np.asarray(row)}
+    return pandas.DataFrame(columns, index=pandas.Index(record.time, name=TIME))
+
+
+def prediction_of(found: Diagnosis, number: int) -> pandas.DataFrame:
+    """A predicted record over ``time``, SI: what was measured, and the free simulation before and after (``before_alpha``, ``after_alpha``)."""
+    import pandas
+
+    if not 0 <= number < len(found.predictions):
+        raise DeclarationError(f"there is no record {number}", where="prediction", remedy=f"there are {len(found.predictions)}, from 0 on")
+    one = found.predictions[number]
+    columns: dict[str, np.ndarray] = {channel.name: channel.with_gaps() for channel in one.record.inputs}
+    for name, before, after in zip(one.channels, one.before, one.after, strict=True):
+        measured = {name: one.record[name].with_gaps()} if name in one.record.output_names else {}
+        columns |= {**measured, f"before_{name}": before, f"after_{name}": after}
+    return pandas.DataFrame(columns, index=pandas.Index(one.record.time, name=TIME))
+
+
+# ---- The effects that a diagnosis names
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Effect:
+    """One effect of a diagnosis.
+
+    Attributes
+    ----------
+    name : as ``flightid.effects()`` lists it. sentence : in words, with its numbers.
+    parameters : its own, by local name. alternatives : effects that fit these data as well.
+    probability : that it acts, or each that could take its place, by name.
+    """
+
+    name: str
+    sentence: str
+    parameters: Parameters
+    alternatives: tuple[str, ...]
+    probability: dict[str, float]
+
+    def __getitem__(self, name: str) -> Parameter:
+        return self.parameters[name]
+
+    def __repr__(self) -> str:
+        return f"<Effect {self.name}: {self.parameters!r:.400}>"
+
+    def _repr_html_(self) -> str:
+        others = [f"these data fit as well: {', '.join(self.alternatives)}"] if self.alternatives else []
+        return tables.page(f"{self.name}: {self.sentence}", self.parameters.html_table(), tables.sentences(others))
+
+
+def claimed_effects(tracing: Tracing, *, claimed: bool) -> tuple[Effect, ...]:
+    """The effects of a diagnosis that are claimed, or those that are only hints."""
+    wording = wording_of(tracing)
+    return tuple(
+        Effect(
+            claim.name,
+            effect_heading(claim, wording),
+            Parameters(Parameter(name, each.value, each.std, each.unit) for name, each in claim.parameters.items()),
+            claim.alternatives,
+            dict(claim.probability),
+        )
+        for claim in tracing.diagnosis.effects
+        if claim.claimed is claimed
+    )

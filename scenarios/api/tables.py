@@ -1,0 +1,160 @@
+"""Small tables of results and of the libraries, as text, HTML and DataFrame; and the exception for bad input."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from scenarios.terminal.tables import columns_of, table_lines, wrapped
+from sim.errors import FlightidError
+
+if TYPE_CHECKING:
+    import pandas
+
+
+# ---- The one exception for bad input
+
+# Its text is the one line that a command prints; `what`, `where` and `remedy` are its parts.
+InputError = FlightidError
+
+
+# ---- What a notebook shows of a result
+
+
+def page(heading: str, *parts: str) -> str:
+    """A heading in bold, then the parts that are not empty."""
+    return "\n".join(["<div>", f"<p><strong>{escape(heading)}</strong></p>", *(part for part in parts if part), "</div>"])
+
+
+def sentences(lines: Sequence[str]) -> str:
+    """A list of sentences; nothing where there is none."""
+    return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>" if lines else ""
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
+    """A table whose first ``left`` columns stand at the left and the others at the right; nothing where there is no row."""
+    if not rows:
+        return ""
+    sides = ["left" if i < left else "right" for i in range(len(headings))]
+
+    def line(cells: Sequence[str], tag: str) -> str:
+        told = (f'<{tag} style="text-align:{side};padding:0 0.6em">{escape(cell)}</{tag}>' for cell, side in zip(cells, sides, strict=True))
+        return f"<tr>{''.join(told)}</tr>"
+
+    return f"<table><thead>{line(headings, 'th')}</thead><tbody>{''.join(line(row, 'td') for row in rows)}</tbody></table>"
+
+
+# ---- A small table of texts and numbers: printed, shown in a notebook, or made a DataFrame
+
+SHOWN = 60  # letters of a cell in a terminal
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Table:
+    """Rows under headings; the first column names them.
+
+    ``len``, iteration over rows as dictionaries, ``table[name]`` for the row of that name, ``names``.
+    """
+
+    title: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The first column."""
+        return tuple(str(row[0]) for row in self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        return (dict(zip(self.headings, row, strict=True)) for row in self.rows)
+
+    def __getitem__(self, name: str) -> dict[str, Any]:
+        if name not in self.names:
+            raise KeyError(f"there is no {name!r}: {', '.join(self.names)}")
+        return dict(zip(self.headings, self.rows[self.names.index(name)], strict=True))
+
+    def __repr__(self) -> str:
+        return f"<{self.title}: {len(self)} rows of {', '.join(self.headings)}>"
+
+    def __str__(self) -> str:
+        cells = [[_shortened(cell) for cell in row] for row in self.rows]
+        return "\n".join([*wrapped(self.title), *table_lines(columns_of(self.headings, cells, left=len(self.headings)))])
+
+    def _repr_html_(self) -> str:
+        return page(self.title, table(self.headings, [[_text(cell) for cell in row] for row in self.rows], left=len(self.headings)))
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """A DataFrame, its index the first column."""
+        import pandas
+
+        return pandas.DataFrame(list(self.rows), columns=list(self.headings)).set_index(self.headings[0])
+
+
+def _text(cell: Any) -> str:
+    if isinstance(cell, float):
+        return f"{cell:.6g}"
+    return ", ".join(map(str, cell)) if isinstance(cell, tuple | list) else str(cell)
+
+
+def _shortened(cell: Any) -> str:
+    text = _text(cell)
+    return text if len(text) <= SHOWN else text[: SHOWN - 4].rstrip() + " ..."
+
+
+# ---- What there is: effects, models, vehicles and scenarios, each as a table
+
+TITLES = {
+    "ballistic": "a falling body: altitude from drag in an atmosphere that thins out",
+    "rigid": "the short period of a rigid aircraft: alpha and q from elevator",
+    "flexible": "the short period with elastic modes",
+    "loes": "low-order equivalent system: alpha, q from the stick, a delay",
+    "lateral": "sideslip, roll and yaw from aileron and rudder",
+    "longitudinal": "airspeed, alpha, attitude and q from elevator and thrust",
+    "multirotor": "roll, pitch and yaw rates and az from commands to the motors",
+}
+
+
+def effects() -> Table:
+    """The library of effects: name, station, what it is, its parameters."""
+    from sim.effects.library import effect_names, find_effect
+
+    rows = []
+    for name in effect_names():
+        effect = find_effect(name)
+        told = " ".join(effect.explanation.split())
+        rows.append((name, effect.station.value, told, tuple(f"{item.name} ({item.unit})" for item in effect.parameters)))
+    return Table("effects", ("effect", "station", "explanation", "parameters"), tuple(rows))
+
+
+def models() -> Table:
+    """The models: name, what it is, inputs, outputs, what a vehicle file gives and what is estimated."""
+    from scenarios.files.vehicles import MODELS
+    from sim.vehicles.factory import FAMILIES
+
+    rows = []
+    for name in MODELS:
+        equations, constants, derivatives = FAMILIES["rigid" if name == "flexible" else name]
+        signals = (tuple(signal.name for signal in some) for some in (equations.inputs, equations.outputs))
+        rows.append((name, TITLES[name], *signals, tuple(constants), tuple(derivatives)))
+    return Table("models", ("model", "what it is", "inputs", "outputs", "constants", "parameters"), tuple(rows))
+
+
+def vehicles() -> Table:
+    """The library of vehicles: name, what it is, its equations, where the numbers are from."""
+    from sim.vehicles.library import read_parameter_set, vehicle_names
+
+    sets = [read_parameter_set(name) for name in vehicle_names()]
+    rows = tuple((each.name, each.title, each.equations, each.source) for each in sets)
+    return Table("vehicles", ("vehicle", "what it is", "equations", "source"), rows)
+
+
+def scenarios() -> Table:
+    """The catalogue of scenarios: name, kind, title."""
+    from scenarios.studies.catalogue import scenario_kind, scenario_names, scenario_title
+
+    return Table("scenarios", ("scenario", "kind", "title"), tuple((name, scenario_kind(name), scenario_title(name)) for name in scenario_names()))

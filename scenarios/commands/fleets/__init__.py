@@ -1,1 +1,0 @@
-"""Commands on many flights at once."""

@@ -1,1 +1,0 @@
-"""Commands on flights that have not been flown."""

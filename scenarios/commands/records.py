@@ -1,0 +1,274 @@
+"""Work of the commands on measured records: printed and written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from scenarios.compatibility.check import check_files
+from scenarios.compatibility.report import print_check
+from scenarios.files.measured.record_file import read_record_file, with_names
+from scenarios.identification.assessment import PLAIN, Options
+from scenarios.maneuvers import maneuvers_of, print_maneuvers
+from scenarios.plots.formats import Formats
+from scenarios.prediction import PredictionRequest, predict_record, prediction_text
+from scenarios.preparation.drafting import Draft, drafted, map_text, vehicle_text
+from scenarios.preparation.plan import Plan, Request, plan_of
+from scenarios.responses.analysis import Options as ResponseOptions
+from scenarios.responses.analysis import responses_of
+from scenarios.responses.fitting import FitOptions
+from scenarios.responses.qualities import LevelOptions
+from scenarios.responses.reading import Names
+from scenarios.responses.text import print_responses
+from scenarios.terminal.progress import progress_bar
+from scenarios.terminal.quantities import shown_in, unit_cell
+from scenarios.terminal.summary import details_in, written_to
+from scenarios.terminal.tables import TableColumn, table_lines, terminal_width
+from sim.errors import DeclarationError
+
+# ---- flightid check: what the kinematics alone say of the sensors, printed and written
+
+
+def check_records(request: Request, out: Path | None, figures: Formats) -> None:
+    """Read, check, write the study, print."""
+    found = check_files(request)
+    if out is not None:
+        from scenarios.compatibility.report import write_check
+
+        write_check(found, out, figures=figures)
+    print_check(found, details=details_in(out))
+    if out is not None:
+        print(written_to(out))
+
+
+# ---- flightid survey: all flights of a test campaign, printed and written
+
+
+def survey_records(file: Path, out: Path | None, jobs: int | None, figures: Formats, *, progress: bool = True, cluster: str | None = None) -> None:
+    """Read, diagnose what is new, pool, write, print; ``progress`` False: nothing is shown of how far it is. ``cluster`` : a Dask address."""
+    from scenarios.survey.report import survey_text
+    from scenarios.survey.survey import survey_flights
+    from scenarios.tasks.processes import available_cores
+
+    with TemporaryDirectory(prefix="flightid-") as passing:
+        folder = out if out is not None else Path(passing) / "survey"
+        with progress_bar(progress) as tell:
+            try:
+                found = survey_flights(file, folder, jobs or available_cores(), figures if out is not None else (), tell, cluster)
+            except KeyboardInterrupt as stopped:
+                if out is not None:
+                    raise
+                raise KeyboardInterrupt("nothing is kept without --out") from stopped
+            if out is not None:
+                from scenarios.survey.files import write_survey
+
+                tell("writing the survey", 0.98)
+                write_survey(found, out, figures=figures)
+    print(survey_text(found, terminal_width(), details_in(out)), end="")
+    if out is not None:
+        print(written_to(out))
+
+
+# ---- flightid identify: a measured record to parameters, printed and written
+
+ALL = "all"  # of --profile: every parameter
+
+
+def options_of(profile: Sequence[str] | None, band: tuple[float, float] | None, engine: str | None = None) -> Options:
+    """What a command line asks besides the method."""
+    names = None if profile is None else () if ALL in profile else tuple(dict.fromkeys(profile))
+    return Options(names, band, engine)
+
+
+def identify_records(
+    request: Request, method: str, out: Path | None, figures: Formats, options: Options = PLAIN, matrices: Path | None = None
+) -> None:
+    """Read, identify, write the study and the linearised model's ``matrices``, print."""
+    from scenarios.files.measured.record_file import path_of
+    from scenarios.identification.identify import identify_files
+    from scenarios.identification.report import print_identification
+    from scenarios.identification.state_space import refuse_place, state_space_of, write_state_space
+
+    if matrices is not None:
+        ours = [out / "comparison.json", out / "record.csv"] if out is not None else []
+        given = [path for record in (*request.records, *request.validate) if (path := path_of(record)) is not None]
+        refuse_place(matrices, [*given, *ours])
+    identified = identify_files(request, method, options)
+    space = state_space_of(identified.found) if matrices is not None else None
+    if out is not None:
+        from scenarios.identification.files import write_identification
+
+        write_identification(identified, out, figures=figures)
+    print_identification(identified.found, identified.flown, details=details_in(out))
+    if matrices is not None and space is not None:
+        write_state_space(space, matrices)
+        print(f"matrices written to {matrices}")
+    if out is not None:
+        print(written_to(out))
+
+
+# ---- flightid maneuvers: the maneuvers in a long record, printed and written
+
+
+def search_record(record: Path, channels: Path | None, plan: Plan, out: Path | None, figures: Formats) -> None:
+    """Read, search, write the folder, print."""
+    from scenarios.files.channels import read_channel_map
+
+    found = maneuvers_of(record, read_channel_map(channels) if channels is not None else None, plan)
+    if out is not None:
+        from scenarios.maneuvers import write_maneuvers
+
+        write_maneuvers(found, out, figures=figures)
+    print_maneuvers(found, details=details_in(out))
+    if out is not None:
+        print(written_to(out))
+
+
+# ---- flightid predict: the model of a study on another record, printed and written
+
+
+def predict_with_study(asked: PredictionRequest, out: Path | None, figures: Formats) -> None:
+    """Read, predict, write, print."""
+
+    found = predict_record(asked)
+    if out is not None:
+        from scenarios.prediction import write_prediction
+
+        write_prediction(found, out, figures=figures)
+    print(prediction_text(found, terminal_width()), end="")
+    if out is not None:
+        print(written_to(out))
+
+
+# ---- flightid response: frequency responses, printed and written
+
+Texts = tuple[str, ...]
+
+
+def respond(
+    request: Request,
+    names: tuple[Texts, Texts, Texts],
+    options: tuple[tuple[float, float] | None, tuple[float, ...], int, float],
+    fit: tuple[Texts, Texts, bool],
+    bandwidth: str | None,
+    margins: str | None,
+    levels: tuple[str | None, float | None],
+    out: Path | None,
+    figures: Formats,
+) -> None:
+    """Read, estimate, write the folder, print.
+
+    ``names`` : inputs, outputs, references. ``options`` : band, windows, tapers, least coherence.
+    ``fit`` : forms, fixed parameters, shared poles. ``bandwidth`` : rate or attitude, what the outputs are.
+    ``margins`` : minus or plus, how the loop takes back the output.
+    ``levels`` : class and category, airspeed.
+    """
+    found = responses_of(request, Names(*names), ResponseOptions(*options), FitOptions(*fit), bandwidth, margins, LevelOptions(*levels))
+    if out is not None:
+        from scenarios.responses.files import write_responses
+
+        write_responses(found, out, figures=figures)
+    print_responses(found, details=details_in(out))
+    if out is not None:
+        print(written_to(out))
+
+
+# ---- flightid map
+
+CHANNELS, VEHICLE = "channels.toml", "vehicle.toml"
+SHOWN = 60  # characters of an expression
+
+
+def draft_map(path: Path, out: Path | None, rate: float | None, columns: str | None, topics: bool) -> None:
+    """Print the topics, the channels found with their ranges, every fault, and the draft; write it where ``out`` is given.
+
+    Raises
+    ------
+    FlightidError : the file cannot be read; ``out`` holds a map or vehicle file already.
+    """
+    plan = plan_of(rate=rate, columns=columns)
+    if out is not None:
+        _refuse_present(out)
+    draft = drafted(with_names(read_record_file(path), plan.columns), plan.rate)
+    _print_topics(draft, whole=topics)
+    _print_channels(draft)
+    for fault in draft.faults:
+        print(f"fault: {fault}")
+    for note in draft.file.notes:
+        print(f"note: {note}")
+    if out is None:
+        print(f"\n{map_text(draft)}", end="")
+        print(f"\n{vehicle_text(draft)}", end="")
+        return
+    _write(out, draft)
+    print(f"\n{out / CHANNELS}, {out / VEHICLE}: drafts to check and complete")
+    if draft.model:
+        # What opened the file here opens it there.
+        opening = [f"--rate {rate:g}" if rate is not None else "--rate HZ" if draft.clockless else "", f"--columns {columns}" if columns else ""]
+        words = " ".join(word for word in opening if word)
+        files = f"--channels {out / CHANNELS} --vehicle {out / VEHICLE}"
+        print(f"next: flightid identify {path} --model {draft.model} {files}{f' {words}' if words else ''}")
+
+
+def _print_topics(draft: Draft, *, whole: bool) -> None:
+    if len(draft.topics) == 1:
+        (topic,) = draft.topics
+        rate = f", {topic.rate:.4g} samples a second" if topic.rate else ""
+        print(f"{draft.file.path.name}: {topic.rows} rows of {len(topic.columns)} columns{rate}")
+        return
+    print(f"{draft.file.path.name}: a log of {len(draft.topics)} topics")
+    shown = draft.topics if whole else sorted(draft.topics, key=lambda topic: -topic.rows)[:15]
+    _table(
+        [
+            TableColumn("topic", [topic.name for topic in shown], left=True),
+            TableColumn("rows", [str(topic.rows) for topic in shown]),
+            TableColumn("Hz", [f"{topic.rate:.4g}" if topic.rate else "" for topic in shown]),
+            TableColumn("columns", [_short(", ".join(topic.columns), SHOWN) for topic in shown], left=True),
+        ]
+    )
+    if len(shown) < len(draft.topics):
+        print(f"{len(draft.topics) - len(shown)} smaller topics are not shown; --topics shows all")
+
+
+def _print_channels(draft: Draft) -> None:
+    from scenarios.files.channel_names import CHANNEL_UNITS
+
+    usable = [guess for guess in draft.guesses if not guess.fault and guess.samples]
+    if not usable:
+        print("no channel was recognised by its name")
+        return
+    units = [shown_in(CHANNEL_UNITS[guess.channel], guess.channel) for guess in usable]
+    _table(
+        [
+            TableColumn("channel", [guess.channel for guess in usable], left=True),
+            TableColumn("from", [_short(str(guess.choice.column), SHOWN) for guess in usable], left=True),
+            TableColumn("samples", [str(guess.samples) for guess in usable]),
+            TableColumn("least", [f"{factor * guess.least:.4g}" for guess, (factor, _) in zip(usable, units, strict=True)]),
+            TableColumn("most", [f"{factor * guess.most:.4g}" for guess, (factor, _) in zip(usable, units, strict=True)]),
+            TableColumn("unit", [unit_cell(unit) for _, unit in units], left=True),
+        ]
+    )
+
+
+def _table(columns: list[TableColumn]) -> None:
+    print("\n".join(f"  {line}" for line in table_lines(columns, width=terminal_width())))
+
+
+def _refuse_present(out: Path) -> None:
+    for name in (CHANNELS, VEHICLE):
+        if (out / name).exists():
+            raise DeclarationError("there is such a file already", where=str(out / name), remedy="name another folder with --out")
+
+
+def _write(out: Path, draft: Draft) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / VEHICLE).write_text(vehicle_text(draft), encoding="utf-8", newline="\n")
+        (out / CHANNELS).write_text(map_text(draft), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise DeclarationError(f"cannot be written ({error.strerror or error})", where=str(out), remedy="name another folder") from None
+
+
+def _short(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most - 4]} ..."

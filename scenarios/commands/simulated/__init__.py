@@ -1,1 +1,0 @@
-"""Simulated flights whose records are files: hidden-effect scenarios, own models, flights by JSBSim."""

@@ -1,0 +1,369 @@
+"""Work of the commands on simulated studies: run, simulate, campaign, compare, design, report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from scenarios.api.requests import LOADERS, Progress, Runner, flown_record
+from scenarios.files.declarations import named_after
+from scenarios.maneuver_design.asked import Asked
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.studies.campaign import CampaignRuns, Rebuilt, fly_campaign
+from scenarios.studies.campaign import Progress as CampaignProgress
+from scenarios.studies.campaign_causes import Judgement, judge
+from scenarios.studies.campaign_report import print_campaign, write_campaign
+from scenarios.studies.declaration import Scenario
+from scenarios.tasks.study import Manner, stopped
+from scenarios.terminal.progress import progress_bar
+from scenarios.terminal.summary import details_in, written_to
+from sim.errors import DeclarationError, FlightidError
+
+if TYPE_CHECKING:
+    from scenarios.trials.planted.declaration import TraceScenario
+    from scenarios.trials.planted.own_flight import OwnFlight
+
+
+# ---- flightid compare, and flightid run --compare
+
+
+def compare_studies(studies: Sequence[str], out: Path | None, every: bool, figures: Formats) -> None:
+    """Studies side by side, read from their folders: print the tables, and write them with figures where a folder is named.
+
+    Raises
+    ------
+    DeclarationError : what is named is no study, or the studies share no parameter.
+    """
+    from scenarios.side_by_side.comparison import compare_columns, read_columns
+    from scenarios.side_by_side.report import print_compared
+
+    compared = compare_columns(read_columns(studies, every))
+    if out is not None:
+        from scenarios.side_by_side.report import write_compared
+
+        write_compared(compared, out, figures=figures)
+    print_compared(compared)
+    if out is not None:
+        print(written_to(out))
+
+
+# ---- flightid simulate of flights by JSBSim
+
+
+def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
+    """Write the record, a vehicle file for each model that it serves, and the truth in a file of its own; the files."""
+    from scenarios.files.writing import files_together
+    from scenarios.studies.catalogue import load_document, scenario_file
+    from scenarios.trials.jsbsim.files import write_jsbsim
+    from scenarios.trials.jsbsim.flight import fly_jsbsim
+    from scenarios.trials.jsbsim.schema import jsbsim_of
+
+    flight = jsbsim_of(*load_document(name, changes))
+    chosen = flight.seed if seed is None else seed
+    with named_after(scenario_file(name)):
+        record, truth = fly_jsbsim(flight, chosen)
+    with files_together(out) as scratch:
+        made, truth_file = write_jsbsim(flight, chosen, record, truth, scratch, out.stem)
+    vehicles, kept = {model: out.parent / path.name for model, path in made.items()}, out.parent / truth_file.name
+    print(f"{flight.aircraft} flown by JSBSim: {len(record)} samples, {record.time[-1]:g} s, {flight.maneuver}; the truth is in {kept.name}")
+    for model, vehicle in vehicles.items():
+        print(f"flightid identify {out} --model {model} --vehicle {vehicle}")
+    return [out, *vehicles.values(), kept]
+
+
+# ---- flightid simulate and campaign of tracing scenarios, simulate of users' own models
+
+
+def simulate_trace(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
+    """Write what the loop is given of a tracing scenario, as ``_write``; the files."""
+    from scenarios.studies.catalogue import load_document, scenario_file
+    from scenarios.trials.planted.schema import trace_scenario_of
+
+    return _write(trace_scenario_of(*load_document(name, changes)), scenario_file(name), out, seed)
+
+
+def simulate_own(asked: OwnFlight, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
+    """Write what the loop is given of a user's own model in a flight that the command line describes, as ``_write``; the files."""
+    from scenarios.studies.catalogue import with_changes
+    from scenarios.trials.planted.own_flight import trace_document
+    from scenarios.trials.planted.schema import trace_scenario_of
+
+    document = with_changes(trace_document(asked), changes)
+    return _write(trace_scenario_of(document, Path(asked.model).stem, asked.model), asked.model, out, seed)
+
+
+def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> list[Path]:
+    """Both records and the vehicle file that the loop is given, the truth left out; ``file`` declares the scenario.
+
+    ``record.csv`` asked for is the training record; beside it stand ``record_validate.csv`` and ``record_vehicle.toml``.
+    """
+    from scenarios.files.writing import files_together, write_record
+    from scenarios.trials.planted.flights import fly_trace
+
+    with named_after(file):
+        flown = fly_trace(scenario, scenario.seed if seed is None else seed)
+    vehicle = out.parent / f"{out.stem}_vehicle.toml"
+    with files_together(out) as scratch:
+        paths = [
+            *write_record(scratch, flown.train, out.stem, simulated=True),
+            *write_record(scratch, flown.validate, f"{out.stem}_validate", simulated=True),
+        ]
+        (scratch / vehicle.name).write_text(flown.vehicle_file, encoding="utf-8", newline="\n")
+    written = [out.parent / path.name for path in paths]
+    print(f"{out.name}; for --validate: {out.stem}_validate.csv; for --vehicle: {vehicle.name}")
+    return [*written, vehicle]
+
+
+# ---- flightid run and flightid simulate
+
+
+def run_scenarios(
+    names: Sequence[str],
+    seed: int | None,
+    out: Path | None,
+    changes: Sequence[str],
+    figures: Formats,
+    *,
+    told: bool = True,
+    progress: bool = True,
+) -> None:
+    """Run scenarios one after the other; with several, each gets a folder of its own under ``out``, which is printed if ``told``.
+
+    ``progress`` False: nothing is shown of how far it is. Ctrl-C leaves the studies that are finished.
+    """
+    from scenarios.studies.catalogue import scenario_kind
+
+    shorts = [Path(name).stem if name.endswith(".toml") else name for name in names]
+    kinds = [scenario_kind(name) for name in names]
+    _refuse_same_names(shorts)
+    runners = [LOADERS[kind](name, changes) for name, kind in zip(names, kinds, strict=True)]
+    folders = [None if out is None else out if len(runners) == 1 else out / short for short in shorts]
+    begun = time.monotonic()
+    for done, (name, folder, runner) in enumerate(zip(names, folders, runners, strict=True)):
+        try:
+            with progress_bar(progress, counted=runner.counted, before=(done, len(names), begun)) as tell:
+                tell(name, 0.0)
+                study = _studied(runner, name, seed, folder, figures, tell)
+        except KeyboardInterrupt as stopped:
+            raise KeyboardInterrupt("; ".join(filter(None, (str(stopped), _kept(folders[:done], len(names), told))))) from None
+        runner.show(study, details_in(folder if told else None))
+        if folder is not None and told:
+            print(written_to(folder))
+
+
+def _kept(folders: Sequence[Path | None], of: int, told: bool) -> str:
+    """What there is when ``run`` is stopped; empty where there is nothing."""
+    if not folders or not told:
+        return ""
+    written = [str(folder) for folder in folders if folder is not None]
+    return f"{len(folders)} of {of} studies are finished{': ' + ', '.join(written) if written else ', and printed above'}"
+
+
+def _studied(runner: Runner, name: str, seed: int | None, folder: Path | None, figures: Formats, tell: Progress) -> Any:
+    """Run, and write where a folder is named; the study."""
+    from scenarios.studies.catalogue import scenario_file
+
+    with named_after(scenario_file(name)):
+        study = runner.run(seed, tell)
+    if folder is not None:
+        runner.write(study, folder, figures=figures)
+    return study
+
+
+def documents_of(names: Sequence[str], compare: bool) -> list[str]:
+    """The JSON documents of such a run by their paths in its folder: of a comparison its own, else one a study."""
+    if compare:
+        return ["compared.json"]
+    return ["comparison.json"] if len(names) == 1 else [f"{Path(name).stem if name.endswith('.toml') else name}/comparison.json" for name in names]
+
+
+def run_and_compare(
+    names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: Formats, *, progress: bool = True
+) -> None:
+    """Run scenarios as ``run_scenarios``, then put their study folders side by side; without ``out`` these are gone afterwards."""
+    from tempfile import TemporaryDirectory
+
+    shorts = [Path(name).stem if name.endswith(".toml") else name for name in names]
+    if len(shorts) < 2:
+        raise DeclarationError("one scenario has nothing beside it", where="flightid run --compare", remedy="name at least two")
+    if out is not None:
+        run_scenarios(names, seed, out, changes, figures, progress=progress)
+        print()
+        compare_studies([str(out / short) for short in shorts], out, False, figures)
+        return
+    with TemporaryDirectory(prefix="flightid-") as scratch:
+        run_scenarios(names, seed, Path(scratch), changes, (), told=False, progress=progress)
+        print()
+        compare_studies([str(Path(scratch) / short) for short in shorts], None, False, ())
+
+
+def simulate(what: str | OwnFlight, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
+    """Write the record of a scenario, or of a flight of a user's own model, its truth left out; the files."""
+    from scenarios.files.writing import files_together, write_record
+    from scenarios.studies.catalogue import scenario_kind
+
+    if out.suffix != ".csv":
+        raise DeclarationError(f"{out.suffix or 'no'} ending", where=str(out), remedy="name a .csv file")
+    try:
+        if not isinstance(what, str):
+            return simulate_own(what, out, seed, changes)
+        whole = {"trace": simulate_trace, "jsbsim": simulate_jsbsim}.get(scenario_kind(what))
+        if whole is not None:
+            return whole(what, out, seed, changes)
+        record = flown_record(what, seed, changes)
+        with files_together(out) as scratch:
+            written = write_record(scratch, record, out.stem, simulated=True)
+        return [out.parent / path.name for path in written]
+    except OSError as error:
+        raise FlightidError(f"cannot be written ({error.strerror})", where=str(out), remedy="name a file that you may write") from None
+
+
+def files_text(files: Sequence[Path]) -> str:
+    """The JSON that says which files ``simulate`` wrote."""
+    from scenarios.files.writing import json_text
+
+    return json_text({"schema": "flightid/simulated/1", "files": [str(path) for path in files]})
+
+
+def _refuse_same_names(names: Sequence[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise DeclarationError(f"{name} is named twice", where="flightid run", remedy="name each scenario once")
+
+
+# ---- flightid campaign: Monte Carlo, printed and written
+
+
+def own_campaign(
+    asked: OwnFlight,
+    runs: int,
+    seed: int | None,
+    manner: Manner,
+    changes: Sequence[str],
+    figures: Formats = USUAL,
+    *,
+    levels: bool = False,
+    progress: bool = True,
+) -> None:
+    """The same of a user's own model in a flight that the command line describes."""
+    from scenarios.studies.catalogue import with_changes
+    from scenarios.studies.reading import scenario_of
+    from scenarios.trials.planted.own_flight import study_document
+
+    again = Rebuilt(with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model)
+    scenario = scenario_of(again.document, again.name, again.where)
+    _run(scenario, again, runs, seed, manner, figures, levels=levels, progress=progress)
+
+
+def run_campaign(
+    name: str,
+    runs: int,
+    seed: int | None,
+    manner: Manner,
+    changes: Sequence[str],
+    method: str | None = None,
+    figures: Formats = USUAL,
+    *,
+    levels: bool = False,
+    progress: bool = True,
+) -> None:
+    """Run, print, and write ``campaign.json`` and the runs into ``manner.out``; of a scenario of estimators by one ``method``, else its main.
+
+    ``levels``: noise levels by likelihood even where no sigma is wrong. ``progress`` False: nothing is shown of how far it is.
+    Ctrl-C leaves the table of the runs that had ended.
+    """
+    from scenarios.studies.catalogue import (
+        IDENTIFICATION,
+        load_document,
+        load_scenario,
+        moved,
+        scenario_kind,
+    )
+
+    kind = scenario_kind(name)
+    if kind == "trace":
+        raise moved(f"a campaign of {name}", f"hidden-effects {name}")
+    if kind != IDENTIFICATION:
+        what = f"there is no campaign of a scenario of kind {kind}"
+        raise DeclarationError(what, where=name, remedy="name a scenario of estimators")
+    document, short, where = load_document(name, changes)
+    again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
+    _run(load_scenario(name, changes), again, runs, seed, manner, figures, method or "main", levels=levels, progress=progress)
+
+
+def refuse_method(method: str | None) -> None:
+    """Raise DeclarationError where a method is named for what has one alone."""
+    if method is not None:
+        raise DeclarationError("this campaign has no methods to choose from", where="--method", remedy="leave it out")
+
+
+def _run(
+    scenario: Scenario,
+    again: Rebuilt,
+    runs: int,
+    seed: int | None,
+    manner: Manner,
+    figures: Formats,
+    method: str = "main",
+    *,
+    levels: bool = False,
+    progress: bool = True,
+) -> None:
+    with named_after(again.where), progress_bar(progress) as tell:
+        campaign = fly_campaign(scenario, runs, seed, method, tell, manner, again)
+        judgement, ended = _judged(campaign, levels, tell)
+    out = manner.out
+    print_campaign(campaign, details=details_in(out), judgement=judgement)
+    if out is not None:
+        write_campaign(campaign, judgement, out, figures=figures)
+        print(written_to(out))
+    if len(campaign.seeds) < campaign.asked:
+        raise stopped(len(campaign.seeds), campaign.asked, "runs", out)
+    if not ended:
+        raise KeyboardInterrupt("all runs had ended; why sigmas are wrong was not looked for to the end")
+
+
+def _judged(campaign: CampaignRuns, levels: bool, tell: CampaignProgress) -> tuple[Judgement, bool]:
+    """What is said of the runs; of a campaign that was stopped no causes. False where Ctrl-C ended the search for them."""
+    whole = len(campaign.seeds) == campaign.asked
+    tell("whether the sigmas are right, and why not", 1.0)
+    try:
+        return judge(campaign, causes=whole, levels=levels), True
+    except KeyboardInterrupt:
+        return judge(campaign, causes=False), False
+
+
+# ---- flightid design: which maneuver to fly, printed and written
+
+
+def design_maneuver(asked: Asked, out: Path | None, figures: Formats, *, progress: bool = True) -> None:
+    """Design, write, print; ``progress`` False: nothing is shown of how far it is."""
+    from scenarios.maneuver_design.design import design
+    from scenarios.maneuver_design.text import design_text
+    from scenarios.terminal.tables import terminal_width
+
+    with progress_bar(progress) as tell:
+        found = design(asked, tell)
+        if out is not None:
+            from scenarios.maneuver_design.files import write_design
+
+            write_design(found, out, figures=figures)
+    print(design_text(found, terminal_width(), details_in(out)), end="")
+    if out is not None:
+        print(written_to(out))
+
+
+# ---- flightid report: pages made again from what stands in their folders
+
+
+def rebuild_pages(folders: Sequence[Path]) -> None:
+    """Make ``report.html`` of each folder again and say where it is.
+
+    Raises FlightidError for the first folder that has no content of a page.
+    """
+    from scenarios.pages.folder import rebuilt
+
+    for folder in folders:
+        print(f"written to {rebuilt(folder)}")

@@ -1,0 +1,392 @@
+"""A check of data compatibility in the terminal, on its page and in its folder."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from ident.compatibility.kinematics import BOOM, PACKAGE, VANES
+from ident.compatibility.six_degrees.kinematics import CHANNELS
+from ident.compatibility.trials import CheckResult, Compatibility, FaultQuantity, SensorEstimate, SensorFinding
+from scenarios.compatibility.check import CompatibilityCheck, equivalent_constant, noise_levels
+from scenarios.files.sources import versions
+from scenarios.files.writing import study_folder, write_json
+from scenarios.pages.folder import figures, write_page
+from scenarios.pages.model import Block, Bullets, Column, Page, Prose, Table, as_sentence, now, reproduction, section
+from scenarios.pages.tables import fixed_table, levels_of_noise, printed_blocks
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
+from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.preparation.recording import record_content, record_lines, record_table
+from scenarios.terminal.quantities import console, number_text, shown_in, spaced, unit_cell
+from scenarios.terminal.summary import BELOW, Summary, print_summary
+from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
+
+if TYPE_CHECKING:
+    from scenarios.plots.drawing import Named
+
+
+# ---- Which figures a check gets: one for each record whose motion was integrated
+
+
+def check_figures(result: Compatibility, simulated: bool) -> Iterator[Named]:
+    """The figures of a check: the stem of each file, and what draws it."""
+    from scenarios.plots.signals import figure_reconstruction
+
+    data = SIMULATED_DATA if simulated else MEASURED_DATA
+    for number, item in enumerate(result.reconstructions, start=1):
+        stem = "reconstruction" if number == 1 else f"reconstruction_{number}"
+        yield stem, partial(figure_reconstruction, item, f"{item.record}: {data} and reconstruction", data)
+
+
+# ---- A check in the terminal
+
+WORDS = {"delay": "{} is late by {} s", "lag": "{} lags with {} s", "scale": "{} reads {} times the true value", "drift": "{} drifts by {}"} | {
+    "bias": "{} reads {} too much"
+}
+PLACES = {"arm": "ahead of", "arm-right": "to the right of", "arm-below": "below"}
+
+
+def print_check(check: CompatibilityCheck, out: Console | None = None, details: str = BELOW) -> None:
+    """Print a check: a summary, the estimates of all records together, those of the others where they differ, findings, limits."""
+    out = out or console()
+    result = check.result
+    print_summary(out, check_summary(check, details))
+    for record in check.records:
+        print_paragraph(out, f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s", indent=0)
+    for line in (*(f"warning: {doubt}" for doubt in check.look.doubts), *record_lines(check.look)):
+        print_paragraph(out, line, indent=0)
+    for output, joined in result.relations.items():
+        print_paragraph(out, f"relation of {output}: {', '.join(joined)}", indent=0)
+    if result.joint.estimates:
+        print_estimates(out, "all records, one fault at a time" if len(check.records) > 1 else "one fault at a time", result.joint)
+        if len(check.records) > 1:
+            print_by_record(out, result.single, result.joint)
+        print_paragraph(out, f"noise (1 sigma; of what is integrated, as its integral shows it): {_noise(check)}")
+    for line in finding_lines(check):
+        print_paragraph(out, line, indent=0)
+    if result.cannot_tell:
+        print_paragraph(out, "these channels cannot tell:", indent=0)
+        for line in result.cannot_tell:
+            print_paragraph(out, line)
+    for line in (*check.notes, *result.notes):
+        print_paragraph(out, f"note: {line}", indent=0)
+
+
+def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
+    """Records and relations, what stands, by how much, and the noise that is left."""
+    result, lines = check.result, finding_lines(check)
+    samples = sum(len(record) for record in check.records)
+    said: set[str] = set()
+    standing: list[str] = []
+    for finding in result.findings:
+        if finding.stands and finding.name not in said:
+            said |= {finding.name, *finding.group}
+            standing.append(" or ".join((finding.name, *finding.group)))
+    told = [line.removeprefix("stands: ") for line in lines if line.startswith("stands")]
+    named = f"{check.records[0].name}{f' and {len(check.records) - 1} more' if len(check.records) > 1 else ''}"
+    checked = f"kinematics of {', '.join(result.relations)}" if result.relations else "the channels close no relation"
+    return Summary(
+        f"{named}, {samples} samples; {checked}",
+        f"stands: {', '.join(standing)}" if standing else next((line for line in lines if line.startswith(("no sensor", "nothing"))), lines[0]),
+        "; ".join(told),
+        f"noise {_noise(check)}" if result.joint.noise_std else "",
+        details,
+    )
+
+
+def _noise(check: CompatibilityCheck) -> str:
+    return ", ".join(_level(name, std, unit_of(check, name)) for name, std in noise_levels(check).items())
+
+
+def finding_lines(check: CompatibilityCheck) -> list[str]:
+    """What stands, in sentences; and where the two methods disagree."""
+    result, lines = check.result, []
+    said: set[str] = set()
+    for finding in result.findings:
+        if finding.stands and finding.name not in said:
+            said |= {finding.name, *finding.group}
+            other = equivalent_constant(check, finding)
+            lines.append(f"stands: {sentence(finding)}{f'; {other}' if other else ''}")
+            lines += [said_of] if (said_of := odds(finding, result.findings)) else []
+        elif not finding.replicates:
+            lines.append(f"does not replicate: {finding.name}, the records by themselves disagree")
+    if len(result.single) > 1:
+        for single in result.single:
+            drifts = [f for f in single.findings if f.stands and f.kind == "drift"]
+            lines += [f"stands in {single.records[0]} alone: {sentence(f)}" for f in drifts[:1]]
+            lines += [f"stands in {single.records[0]}: {sentence(f)}" for f in single.findings if f.stands and f.kind == "bias"]
+    if result.joint.estimates and not any(line.startswith("stands") for line in lines):
+        lines.append("no sensor fault stands: the channels agree with each other within their noise")
+    if not result.relations:
+        lines.append("nothing is checked: these channels close no relation of the kinematics")
+    for item in result.joint.estimates:
+        if item.told and not item.agrees:
+            lines.append(f"the two methods disagree on {item.name} by {abs(item.difference):.1f} sigmas: trust neither")
+    return lines
+
+
+def odds(finding: SensorFinding, findings: Sequence[SensorFinding]) -> str:
+    """Probabilities and sizes of a finding and of what would do as well, where one is an arm: how far sensors usually are off then counts."""
+    by_name = {item.name: item for item in findings} | {finding.name: finding}
+    known = [(by_name[name], share) for name, share in finding.probabilities.items() if name in by_name]
+    if len(known) < 2 or not any(item.kind in PLACES for item, _ in known):
+        return ""
+    shown = [f"{_share(share)} that {what_it_is(item)}" for item, share in sorted(known, key=lambda pair: -pair[1])]
+    prior = "a vane is metres ahead, an accelerometer within half a chord or a metre of the centre of gravity"
+    return f"probabilities, as {prior}: {'; '.join(shown)}"
+
+
+def _share(share: float) -> str:
+    return "< 0.1 %" if share < 1e-3 else "> 99.9 %" if share > 0.999 else f"{100.0 * share:.1f} %"
+
+
+def sentence(finding: SensorFinding) -> str:
+    """One finding with its alternatives."""
+    other = f"; {' or '.join(finding.group)} would do as well" if finding.group else ""
+    return f"{finding.name}, {what_it_is(finding)} (gain {finding.gain:.1f}{other})"
+
+
+def what_it_is(finding: SensorFinding) -> str:
+    """What is wrong with the sensor, and by how much."""
+    factor, shown = shown_in(finding.unit)
+    value = f"{number_text(factor * finding.value, factor * finding.std)} +- {number_text(factor * finding.std, factor * finding.std)}"
+    if finding.kind in PLACES:
+        return f"{_sensor(finding.channel)} {value} m {PLACES[finding.kind]} the centre of gravity"
+    if finding.channel == "wind":
+        return f"the air rises by {value} {shown}"
+    unit = f" {shown}" if finding.kind in ("drift", "bias") else ""
+    return WORDS[finding.kind].format(finding.channel, value + unit)
+
+
+def _sensor(channel: str) -> str:
+    if channel == PACKAGE:
+        return "the accelerometers are"
+    if channel == BOOM:
+        return "the vanes on their boom are"
+    if channel in ("alpha", "nz"):
+        return "the vane is" if channel == "alpha" else "the accelerometer is"
+    return f"the {'vane' if channel in VANES else 'accelerometer'} of {channel} is"
+
+
+def print_estimates(out: Console, title: str, result: CheckResult) -> None:
+    """Every fault by both methods."""
+    rows = [*result.biases, *result.estimates]
+    standing = {finding.name for finding in result.findings if finding.stands}
+    print_table(
+        out,
+        title,
+        [
+            TableColumn("fault", [row.name for row in rows], left=True),
+            TableColumn("unit", [unit_cell(shown_in(row.unit).unit) for row in rows], left=True),
+            TableColumn("smoother", [_value(row, row.smoother.value, row.smoother.std) for row in rows]),
+            TableColumn("+- sigma", [_value(row, row.smoother.std, row.smoother.std) for row in rows], beside=True),
+            TableColumn("output error", [_value(row, row.output_error.value, row.output_error.std) for row in rows]),
+            TableColumn("+- sigma", [_value(row, row.output_error.std, row.output_error.std) for row in rows], beside=True),
+            TableColumn("apart, sigmas", [f"{row.difference:+.1f}" if row.told else "-" for row in rows]),
+            TableColumn("gain", [f"{row.gain:.1f}" if row.told and row.kind != "bias" else "-" for row in rows]),
+            TableColumn("", ["stands" if row.name in standing else "" if row.told else "cannot tell" for row in rows], left=True),
+        ],
+    )
+
+
+def print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckResult) -> None:
+    """The smoother's value of every fault in each record by itself."""
+    names = [item.name for item in joint.estimates]
+    by_name = [{item.name: item for item in result.estimates} for result in single]
+    columns = [TableColumn("each record by itself", names, left=True)]
+    for result, table in zip(single, by_name, strict=True):
+        cells = []
+        for name in names:
+            item = table.get(name)
+            told = item is not None and item.told
+            cells.append(
+                f"{_value(item, item.smoother.value, item.smoother.std)} +- {_value(item, item.smoother.std, item.smoother.std)}"
+                if item and told
+                else "-"
+            )
+        columns.append(TableColumn(result.records[0], cells))
+    print_table(out, "", columns)
+
+
+def unit_of(check: CompatibilityCheck, name: str) -> str:
+    """The unit of a channel."""
+    return next((record[name].unit for record in check.records if name in record.output_names), "g")  # nz made from az has no channel
+
+
+def _value(row: SensorEstimate, value: float, std: float) -> str:
+    factor, _ = shown_in(row.unit)
+    return number_text(factor * value, factor * std) if row.told else "-"
+
+
+def _level(name: str, std: float | None, unit: str) -> str:
+    if std is None:
+        return f"{name} not measurable from these records"
+    factor, shown = shown_in(unit, name)
+    return f"{name} {factor * std:.3g}{spaced(shown)}"
+
+
+# ---- The page of a check
+
+
+def check_page(check: CompatibilityCheck, drawn: Sequence[Drawn] = ()) -> Page:
+    """The page of a check with the figures ``drawn``."""
+    result, names = check.result, ", ".join(dict.fromkeys(record.name for record in check.records))
+    lines = finding_lines(check)
+    faults = [finding.name for finding in result.findings if finding.stands]
+    checked = bool(result.relations)
+    inputs = [("checked", file.name, file.sha256) for file in check.files]
+    inputs += [("vehicle", check.vehicle.name, check.vehicle.sha256)] if check.vehicle is not None else []
+    given = ["--vehicle", check.vehicle.name] if check.vehicle is not None else []
+    return Page(
+        title=f"{names}: data compatibility",
+        kind="What the kinematics alone say of the sensors",
+        verdict=("a fault stands" if faults else "compatible") if checked else "not checked",
+        tone=("fair" if faults else "good") if checked else "open",
+        sentence=as_sentence(lines[0]) if lines else "",
+        summary=tuple(map(as_sentence, lines[1:4])),
+        warnings=tuple(map(as_sentence, check.look.doubts)),
+        sections=(
+            *section("What stands", Bullets(tuple(map(as_sentence, lines)))),
+            *section("Every fault by both methods", *_estimates(check)),
+            *section("What these channels cannot tell", Bullets(tuple(map(_limit, result.cannot_tell)))),
+            *section("Figures", *figures(drawn)),
+            *section("The record as it was recorded", record_table(check.look)),
+            *section("How it was made", *_made(check)),
+        ),
+        reproduction=reproduction(["flightid", "check", *(file.name for file in check.files), *given], "", inputs),
+        created=now(),
+    )
+
+
+def _limit(line: str) -> str:
+    # The name of a channel keeps its small letter.
+    return f"{line}." if line.partition(":")[0] in CHANNELS else as_sentence(line)
+
+
+def _estimates(check: CompatibilityCheck) -> list[Block]:
+    result = check.result
+    if not result.joint.estimates:
+        return []
+    several = len(check.records) > 1
+    title = "All records, one fault at a time" if several else "One fault at a time"
+    blocks = printed_blocks(partial(print_estimates, title=title, result=result.joint))
+    if several:
+        units = {item.name: item.unit for item in result.joint.estimates}
+        blocks += printed_blocks(partial(print_by_record, single=result.single, joint=result.joint), units)
+    noise = {name: (std, unit_of(check, name)) for name, std in noise_levels(check).items() if std is not None}
+    caption = "Noise, one sigma; of what is integrated as its integral shows it"
+    return [*blocks, Prose("Gain of the log likelihood by this fault alone.", "note"), levels_of_noise(caption, noise)]
+
+
+def _made(check: CompatibilityCheck) -> list[Block]:
+    settings = check.settings
+    parts = tuple(f"{r.name}: {len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s" for r in check.records)
+    relations = tuple((name, ", ".join(joined)) for name, joined in check.result.relations.items())
+    held = {"gravity": (settings.gravity, "m/s2"), "vane_arm": (settings.vane_arm, "m")}
+    held |= {"airspeed": (settings.airspeed, "m/s")} if settings.airspeed is not None else {}
+    notes = tuple(map(as_sentence, (*check.notes, *check.result.notes)))
+    return [
+        Bullets(parts),
+        Table("Which channels each relation joins", (Column("relation of"), Column("channels")), relations),
+        Bullets(notes),
+        fixed_table("Constants", held),
+    ]
+
+
+# ---- The study folder of a check: figures, the page, and the JSON last
+
+MAIN = "compatibility.json"
+SCHEMA = "flightid/compatibility/1"
+
+
+def write_check(check: CompatibilityCheck, folder: str | Path, *, figures: Formats = USUAL) -> Path:
+    """Write a check into ``folder``, whole or not at all; returns the folder."""
+    with study_folder(folder, MAIN) as scratch:
+        drawn: tuple[Drawn, ...] = ()
+        if figures:
+            from scenarios.plots.drawing import drawn_for_page
+
+            drawn = drawn_for_page(check_figures(check.result, check.simulated), scratch, figures)
+        write_page(scratch, check_page(check, drawn))
+        write_json(scratch / MAIN, check_content(check))
+    return Path(folder)
+
+
+def check_content(check: CompatibilityCheck) -> dict[str, Any]:
+    """Content of ``compatibility.json``: SI, nz in g; scales as factors."""
+    result = check.result
+    constants = {"gravity": check.settings.gravity, "vane_arm": check.settings.vane_arm}
+    return {
+        "schema": SCHEMA,
+        "channels": list(result.channels),
+        "relations": {name: list(joined) for name, joined in result.relations.items()},
+        "constants": constants | ({"airspeed": check.settings.airspeed} if check.settings.airspeed is not None else {}),
+        "joint": _result(check, result.joint),
+        "single": [_result(check, item) for item in result.single],
+        "findings": [_finding(item) for item in result.findings if item.stands],
+        "cannot_tell": list(result.cannot_tell),
+        "warnings": [*check.look.doubts, *check.look.set_aside, *_equivalents(check)],
+        "notes": [*check.notes, *result.notes],
+        "record": record_content(check.look),
+        "inputs": {
+            "records": [item.name for item in check.files],
+            "sha256": [item.sha256 for item in check.files],
+            **({"vehicle": {"name": check.vehicle.name, "sha256": check.vehicle.sha256}} if check.vehicle is not None else {}),
+        },
+        "versions": versions(),
+    }
+
+
+def _equivalents(check: CompatibilityCheck) -> list[str]:
+    """Numbers of the vehicle file that would explain a finding as well."""
+    found = [(finding.name, equivalent_constant(check, finding)) for finding in check.result.findings if finding.stands]
+    return [f"{name}: {said}" for name, said in found if said]
+
+
+def _result(check: CompatibilityCheck, result: CheckResult) -> dict[str, Any]:
+    return {
+        "records": list(result.records),
+        "estimates": {item.name: _estimate(item) for item in result.estimates},
+        "biases": {item.name: _estimate(item) for item in result.biases},
+        "tested": [_finding(item) for item in result.findings],
+        "noise_std": {name: level for name, level in noise_levels(check, result).items() if level is not None},
+    }
+
+
+def _estimate(item: SensorEstimate) -> dict[str, Any]:
+    return {
+        "unit": item.unit,
+        "output_error": _quantity(item.output_error),
+        "smoother": _quantity(item.smoother),
+        "difference_in_sigmas": item.difference,
+        "agrees": item.agrees,
+        "gain": item.gain,
+        "p_value": item.p_value,
+        "told": item.told,
+    }
+
+
+def _finding(item: SensorFinding) -> dict[str, Any]:
+    return {
+        "name": item.name,
+        "channel": item.channel,
+        "kind": item.kind,
+        "value": item.value,
+        "std": item.std,
+        "unit": item.unit,
+        "gain": item.gain,
+        "stands": item.stands,
+        "group": list(item.group),
+        "replicates": item.replicates,
+        **({"probabilities": dict(item.probabilities)} if len(item.probabilities) > 1 else {}),
+        **({"lost": item.lost} if item.lost is not None and math.isfinite(item.lost) else {}),
+    }
+
+
+def _quantity(item: FaultQuantity) -> dict[str, float]:
+    return {"value": item.value, "std": item.std}

@@ -1,0 +1,309 @@
+"""Pydantic schemas of channel maps, vehicle files, maneuver files and surveys; imported when one is read."""
+
+from __future__ import annotations
+
+import datetime
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, create_model, model_validator
+from pydantic_core import PydanticCustomError
+
+from scenarios.files.formats.cells import LARGEST
+from scenarios.files.units import to_si
+from sim.errors import DeclarationError
+from sim.vehicles.factory import ABOVE_ZERO, FAMILIES, MODE_DERIVATIVES, WHOLE_AXES, mode_parameter
+from sim.vehicles.multirotor import DELAY, LAG
+
+# ---- The pydantic schema of a channel map; imported only when one is read
+
+STRICT = ConfigDict(extra="forbid", frozen=True, strict=True)
+ABSENT = "\0"  # the column of a channel that a map declares as not there, which no header can be
+
+
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Text = Annotated[str, Field(min_length=1, max_length=500)]
+
+
+class ColumnEntry(BaseModel):
+    """``{column = "AoA1", unit = "deg"}`` and what may be computed from a column or a sum of columns."""
+
+    model_config = STRICT
+    column: _Text | Annotated[int, Field(ge=1)] | None = None
+    sum: Annotated[list[_Text], Field(min_length=1, max_length=20)] | None = None
+    unit: str | None = None
+    scale: _Number = 1.0
+    offset: _Number = 0.0
+    bias: _Number | None = None
+    sign: Literal[1, -1] = 1
+    delay: _Number = 0.0
+    table: Annotated[list[list[_Number]], Field(min_length=2, max_length=2)] | None = None
+    hold: Literal["previous", "linear"] | None = None
+
+    @model_validator(mode="after")
+    def _sound(self) -> ColumnEntry:
+        if (self.column is None) == (self.sum is None):
+            context = {"what": "neither column nor sum, or both", "remedy": 'write column = "HEADER", or sum = ["HEADER", "HEADER"]'}
+            raise PydanticCustomError("channel", "not a column", context)
+        if self.table is not None and (len(self.table[0]) != len(self.table[1]) or len(self.table[0]) < 2 or not _increasing(self.table[0])):
+            context = {"what": "table is no calibration", "remedy": "write [[x1, x2, ...], [y1, y2, ...]] of one length, x increasing"}
+            raise PydanticCustomError("channel", "not a table", context)
+        return self
+
+
+def _increasing(values: Sequence[float]) -> bool:
+    return all(later > earlier for earlier, later in pairwise(values))
+
+
+def _table(value: object) -> object:
+    if value is False:
+        return {"column": ABSENT}
+    if isinstance(value, str | int) and not isinstance(value, bool):
+        return {"column": value}
+    if not isinstance(value, dict):
+        context = {"what": f"{value!r} names no column", "remedy": 'write {column = "HEADER", unit = "UNIT"}'}
+        raise PydanticCustomError("channel", "not a column", context)
+    return value
+
+
+_Entry = Annotated[ColumnEntry | None, BeforeValidator(_table)]
+
+
+def channel_map(known: Sequence[str]) -> type[BaseModel]:
+    """The schema of a map of these channels, each behind an alias: an own model may use names that pydantic needs for itself."""
+    fields: dict[str, Any] = {f"channel_{place}": (_Entry, Field(None, alias=name)) for place, name in enumerate(known)}
+    return create_model("ChannelMap", __config__=STRICT, **fields)
+
+
+# ---- The pydantic schemas of vehicle files; imported only when one is read
+
+VEHICLES_SCHEMA_STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?", re.ASCII)
+
+
+def quantity_in(target: str) -> Callable[[object], float]:
+    """A validator that turns a number or ``"24200 lb"`` into the unit ``target``."""
+
+    def convert(value: object) -> float:
+        number = plain(value)
+        if math.isfinite(number) and number != 0.0 and not 1.0 / LARGEST <= abs(number) <= LARGEST:
+            what = f"{value!r:.60} lies beyond the numbers that are computed with, {1.0 / LARGEST:g} to {LARGEST:g}"
+            raise PydanticCustomError("quantity", "extreme", {"what": what, "remedy": "check its exponent and its unit"})
+        return number
+
+    def plain(value: object) -> float:
+        if isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1023):
+            return float(value)
+        found = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
+        if found is None:
+            shown = f"{value!r:.60}"
+            raise PydanticCustomError("quantity", "no quantity", {"what": f"{shown} is not a number with a unit", "remedy": _example(target)})
+        if not found[2]:
+            raise PydanticCustomError("quantity", "no unit", {"what": f"{value!r} has no unit", "remedy": _example(target)})
+        try:
+            return float(to_si(float(found[1]), found[2].strip(), target, "", DeclarationError))
+        except DeclarationError as fault:
+            raise PydanticCustomError("quantity", "unit", {"what": fault.what, "remedy": fault.remedy}) from None
+
+    return convert
+
+
+def number_in(value: object, unit: str, where: str) -> float:
+    """A number or ``"24200 lb"`` in ``unit``. Raises DeclarationError that names ``where``."""
+    try:
+        number = quantity_in(unit)(value)
+    except PydanticCustomError as error:
+        context: Mapping[str, Any] = error.context or {}
+        raise DeclarationError(str(context["what"]), where=where, remedy=str(context["remedy"])) from None
+    if not math.isfinite(number):
+        raise DeclarationError(f"value {number} is not a finite number", where=where, remedy="give a finite number")
+    return number
+
+
+def _example(target: str) -> str:
+    return "write a plain number" if target == "1" else f'write a plain number in {target}, or a text such as "1.5 {target}"'
+
+
+def _number(target: str, gt: float | None = None, ge: float | None = None) -> Any:
+    return Annotated[float, BeforeValidator(quantity_in(target)), Field(gt=gt, ge=ge)]
+
+
+def _required(kinds: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: (kind, ...) for name, kind in kinds.items()}
+
+
+def _vehicles_schema_table(title: str, **fields: Any) -> type[BaseModel]:
+    return create_model(title, __config__=VEHICLES_SCHEMA_STRICT, **fields)
+
+
+_NAME = (Annotated[str, Field(min_length=1)] | None, None)
+_PURE, _PER_ANGLE = _number("1"), _number("1/rad")
+_AIRFRAME = _required(
+    {
+        "mass": _number("kg", gt=0.0),
+        "wing_area": _number("m2", gt=0.0),
+        "chord": _number("m", gt=0.0),
+        "pitch_inertia": _number("kg m2", gt=0.0),
+        "airspeed": _number("m/s", gt=0.0),
+        "air_density": _number("kg/m3", gt=0.0),
+    }
+)
+_RIGID_STARTS = _vehicles_schema_table("RigidDerivatives", **_required({f"C{axis}_{by}": _PER_ANGLE for axis in "Lm" for by in ("alpha", "q", "de")}))
+_LOES_STARTS = _vehicles_schema_table(
+    "LoesDerivatives",
+    **_required({"L_alpha": _number("1/s"), "M_alpha": _number("1/s2"), "L_delta": _number("1/s"), "M_delta": _number("1/s2"), "L_q": _PURE}),
+    **_required({"M_q": _number("1/s"), "inv_tau": _number("1/s", gt=0.0), "delay": _number("s", ge=0.0)}),
+)
+_BALLISTIC_STARTS = _vehicles_schema_table("BallisticDerivatives", **_required({"beta": _number("kg/m2", gt=0.0)}))
+
+
+AircraftClass = Literal["I", "II", "II-C", "II-L", "III", "IV"]
+FlightPhase = Literal["A", "B", "C"]
+_FLOWN: dict[str, Any] = {"aircraft_class": (AircraftClass | None, None), "flight_phase": (FlightPhase | None, None)}
+
+
+def _whole_axes(model: str) -> type[BaseModel]:
+    """The file of equations whose constants must be given, and whose derivatives may be left out."""
+    _, constants, derivatives = WHOLE_AXES[model]
+    title = model.capitalize()
+    lowest = dict.fromkeys((LAG, DELAY), 0.0)
+    starts = _vehicles_schema_table(
+        f"{title}Derivatives", **{name: (_number(unit, ge=lowest.get(name)) | None, None) for name, unit in derivatives.items()}
+    )
+    kinds = {name: _number(unit, gt=0.0 if name in ABOVE_ZERO else None) for name, unit in constants.items()}
+    return _vehicles_schema_table(f"{title}Vehicle", name=_NAME, **_required(kinds), **_FLOWN, derivatives=(starts, ...))
+
+
+SCHEMAS: Mapping[str, type[BaseModel]] = {
+    "rigid": _vehicles_schema_table("RigidVehicle", name=_NAME, **_AIRFRAME, **_FLOWN, derivatives=(_RIGID_STARTS, ...)),
+    "flexible": _vehicles_schema_table(
+        "FlexibleVehicle", name=_NAME, **_AIRFRAME, **_FLOWN, derivatives=(_RIGID_STARTS, ...), modes=(list[dict[str, Any]], ...)
+    ),
+    "loes": _vehicles_schema_table(
+        "LoesVehicle",
+        name=_NAME,
+        **_required({"airspeed": _number("m/s", gt=0.0), "gravity": _number("m/s2", gt=0.0)}),
+        vane_arm=(_number("m") | None, None),
+        **_FLOWN,
+        derivatives=(_LOES_STARTS, ...),
+    ),
+    "ballistic": _vehicles_schema_table(
+        "BallisticVehicle",
+        name=_NAME,
+        **_required(
+            {"air_density_reference": _number("kg/m3", gt=0.0), "density_scale_height": _number("m", gt=0.0), "gravity": _number("m/s2", gt=0.0)}
+        ),
+        derivatives=(_BALLISTIC_STARTS, ...),
+    ),
+    **{model: _whole_axes(model) for model in WHOLE_AXES},
+}
+
+
+def mode_schema(number: int, count: int) -> type[BaseModel]:
+    """The table of elastic mode ``number`` of ``count``: its own starts are required, couplings to other modes are not."""
+    own = {"frequency": _number("rad/s", gt=0.0), "damping": _number("1", ge=0.0), "generalized_mass": _number("kg m2", gt=0.0)}
+    starts = [f"CL_eta{number}", f"CL_etadot{number}", f"Cm_eta{number}", f"Cm_etadot{number}"]
+    starts += [f"Ceta{number}_{by}" for by in ("alpha", "q", "de", f"eta{number}", f"etadot{number}")]
+    couplings = [f"Ceta{number}_{by}{other}" for other in range(1, count + 1) if other != number for by in ("eta", "etadot")]
+    optional: dict[str, Any] = {key: (_PURE | None, None) for key in couplings}
+    return _vehicles_schema_table(f"Mode{number}", **_required({**own, **{key: _PURE for key in starts}}), **optional)
+
+
+def units_of_starts(model: str, modes: object = None) -> dict[str, str]:
+    """What is estimated of a model, with its unit; ``modes`` is a file's list of elastic modes."""
+    kind = "rigid" if model == "flexible" else model
+    count = len(modes) if model == "flexible" and isinstance(modes, list) else 0
+    own = {mode_parameter(local, i): unit for i in range(1, count + 1) for local, unit in MODE_DERIVATIVES.items()}
+    modal = {f"Ceta{i}_{by}{i}": "1" for i in range(1, count + 1) for by in ("eta", "etadot")}
+    return {**FAMILIES[kind][2], **own, **modal}
+
+
+def refuse_unusable(model: str, constants: Mapping[str, float], derivatives: Mapping[str, float], path: str | Path) -> None:
+    """What no single key shows. Raises DeclarationError where no derivative is given, and for moments of inertia that no body has."""
+    if not derivatives:
+        _, _, known = WHOLE_AXES[model]
+        remedy = f"give where the search starts, one of {', '.join(known)} at least: what is left out is held at zero"
+        raise DeclarationError("no derivative is given", where=f"{path}, key derivatives", remedy=remedy)
+    cross = constants.get("cross_inertia", 0.0)
+    if cross and cross**2 >= constants["roll_inertia"] * constants["yaw_inertia"]:
+        remedy = "its square is below roll_inertia times yaw_inertia"
+        raise DeclarationError(f"value {cross:g} kg m2 is too large", where=f"{path}, key cross_inertia", remedy=remedy)
+
+
+# ---- The schema of maneuvers.toml (pydantic); imported only when one is read
+
+Name = Annotated[str, StringConstraints(min_length=1)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class PartEntry(BaseModel):
+    """A part of the record."""
+
+    model_config = VEHICLES_SCHEMA_STRICT
+    number: Annotated[int, Field(ge=1)] | None = None
+    name: Name | None = None
+    from_: Number = Field(alias="from")
+    to: Number
+    axis: str | None = None
+    kind: str | None = None
+
+
+class FileEntry(BaseModel):
+    """The whole file."""
+
+    model_config = VEHICLES_SCHEMA_STRICT
+    record: Name | None = None
+    sha256: Name | None = None
+    maneuvers: list[PartEntry] = []
+
+
+# ---- The schema of a survey's file (pydantic); imported only when one is read
+
+FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9._+-]*$"  # a flight's results have a folder of its name
+
+
+def _day(value: object) -> object:
+    return value.isoformat() if isinstance(value, datetime.date | datetime.datetime) else value
+
+
+class Reading(BaseModel):
+    """How records are read; in a flight's table it takes the place of what stands above."""
+
+    model_config = VEHICLES_SCHEMA_STRICT
+    channels: Name | None = None
+    columns: Name | Annotated[list[Name], Field(min_length=1)] | None = None
+    from_: Number | None = Field(None, alias="from")
+    to: Number | None = None
+    maneuver: int | Name | Annotated[list[int | Name], Field(min_length=1)] | None = None
+    maneuvers: Name | None = None
+    hold: Literal["previous", "linear"] | None = None
+    rate: Annotated[float, Field(gt=0)] | None = None
+    lowpass: Annotated[float, Field(gt=0)] | None = None
+
+
+class FlightEntry(Reading):
+    """One flight."""
+
+    name: Annotated[str, StringConstraints(pattern=FOLDER_NAME)] | None = None
+    record: Name | None = None
+    records: Annotated[list[Name], Field(min_length=1)] | None = None
+    vehicle: dict[str, Any] = {}
+    condition: dict[str, float | str] = {}
+    date: Annotated[str | None, BeforeValidator(_day)] = None
+    tail: Name | None = None
+
+
+class SurveyEntry(Reading):
+    """The whole file."""
+
+    title: Name | None = None
+    model: Name
+    vehicle: Name | None = None
+    effort: Literal["normal", "thorough"] = "normal"
+    effects: Name | None = None
+    records: Name | Annotated[list[Name], Field(min_length=1)] | None = None
+    flights: list[FlightEntry] = []

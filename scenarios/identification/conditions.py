@@ -1,0 +1,297 @@
+"""Conditions of an identification: frequency bands, recorded pitch attitude, cautions about results and sigmas.
+
+The equations are those of the effect phugoid with theta an input: u_dot = -g (theta - alpha), the flight path at the record's begin the one further
+unknown of each record. Whether they act is asked of the records: in a tunnel, on a rig or in a simulation at constant speed they do not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.estimate import Estimate, Outcome
+from ident.filters.smoother import coloured_innovations
+from ident.frequency_domain.output_error import FrequencySettings, band_for, fit_frequency_domain, refuse_unfit
+from ident.statistics.residual_spectrum import common_disturbance
+from ident.statistics.residuals import ResidualTest, contradiction, shortfall
+from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.output_error import UNDETERMINED, failed_simulation, none_determined
+from ident.whole_record.unstable_motion import GROWN, fastest, growth
+from scenarios.files.vehicles import VehicleFile
+from scenarios.identification.assessment import simulated
+from scenarios.preparation.declared_model import BETTER, better_by
+from scenarios.preparation.plan import ATTITUDE
+from scenarios.studies.rows import Row
+from scenarios.terminal.quantities import number_text
+from sim.declaration.compile import compile_model
+from sim.declaration.effect import full_name
+from sim.declaration.model import Model, System
+from sim.effects.disturbance.phugoid import Phugoid
+from sim.effects.input_path.input_delay import InputDelay
+from sim.errors import DeclarationError
+from sim.record import Record
+
+# ---- The frequency domain for a model and its records
+
+METHOD = "frequency-domain"
+
+
+def delays_of(model: Model) -> dict[str, str]:
+    """Input -> the parameter by which it is late, of a model with delays on its inputs."""
+    return {effect.signal: full_name(effect, "delay") for effect in model.effects if isinstance(effect, InputDelay)}
+
+
+def refuse_band(band: tuple[float, float] | None, method: str) -> None:
+    """Raise DeclarationError for a band of another method, or one that is none."""
+    if band is None:
+        return
+    if method != METHOD:
+        raise DeclarationError(f"{method} has no band of frequencies", where="--band", remedy=f"use it with --method {METHOD}, or leave it out")
+    low, high = band
+    if not (math.isfinite(high) and 0.0 <= low < high):
+        raise DeclarationError(f"{low:g} to {high:g} Hz is no band", where="--band", remedy="give the lower frequency first, in Hz")
+
+
+def chosen_band(records: Sequence[Record], model: Model, outputs: Sequence[str], band: tuple[float, float] | None) -> tuple[float, float]:
+    """The band that is asked for, else the data's own, Hz. Raises ModelError where the model has no frequency response."""
+    system = compile_model(model, outputs)
+    refuse_unfit(records, system, delays_of(model))
+    return band or band_for(records, system)
+
+
+def estimated(
+    records: Sequence[Record], system: System, settings: FitSettings, delays: Mapping[str, str], band: tuple[float, float] | None
+) -> Estimate:
+    """The estimate, its ``fitted`` outputs those of a free simulation with what was found."""
+    found = fit_frequency_domain(records, system, FrequencySettings(band, settings.use_priors), delays=delays)
+    rows = [simulated(record, system, found.as_dict(), settings) for record in records]
+    shown = tuple(blank if row is None else row for row, blank in zip(rows, found.fitted, strict=True))
+    return replace(found, fitted=tuple(np.asarray(row) for row in shown))
+
+
+# ---- A recorded pitch attitude in the identification of a rigid aircraft
+
+PATH = "phugoid.attitude"
+
+
+def with_weight(model: Model) -> Model:
+    """The model with the component of the weight along the flight path; its begin is free, what a drag polar says stays at usual values."""
+    wider = model.with_effects(Phugoid(attitude_recorded=True))
+    held = [name for name in wider.parameters.names if name.startswith("phugoid.") and name != PATH]
+    return wider.with_parameters(wider.parameters.hold(held))
+
+
+def weighed(model: Model, records: Sequence[Record], outputs: Sequence[str]) -> tuple[Model, str]:
+    """The model with or without the weight along the flight path, as the records say, and a sentence; empty where no attitude is recorded."""
+    if ATTITUDE not in {signal.name for signal in model.equations.inputs}:
+        return model, ""
+    wider = with_weight(model)
+    found = better_by((model, list(records)), (wider, list(records)), outputs, local=[PATH])
+    gain = found.gain
+    if found.why_open:
+        return (
+            model,
+            f"the pitch attitude is measured and not used: fits with and without the weight along the flight path decide nothing ({found.why_open})",
+        )
+    if gain < BETTER:
+        return (
+            model,
+            f"the pitch attitude is measured and not used: the weight along the flight path explains no more (twice the log likelihood {gain:.1f})",
+        )
+    return (
+        wider,
+        f"the pitch attitude is measured: the weight along the flight path changes speed and loads (twice the log likelihood {gain:.1f} better)",
+    )
+
+
+def without_theta(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record]]:
+    """The model and records less an attitude among the inputs that nothing uses."""
+    inputs = tuple(signal for signal in model.equations.inputs if signal.name != ATTITUDE)
+    bare = [replace(record, inputs=tuple(channel for channel in record.inputs if channel.name != ATTITUDE)) for record in records]
+    return replace(model, equations=replace(model.equations, inputs=inputs)), bare  # type: ignore[type-var]
+
+
+# ---- What speaks against an identification by itself
+
+# Models whose declared derivatives are knowledge; the ballistic coefficient of an unknown body is a mere start.
+AIRCRAFT = ("rigid", "flexible", "loes", "lateral", "longitudinal")
+FREE_OF_CHARGE = ("delay", "inv_tau")  # of a low-order system: started anywhere, zero included
+NOTABLE = 1.25  # times, by which coloured noise must widen a standard deviation to be worth a caution
+STILL_SHORT = "10 % (in gusts 30 %)"  # what corrected standard deviations lack at most: docs/estimators.md, Coverage
+CAUSES = "the model lacks something, a channel has a wrong sign or unit, or the file is wrong"
+
+
+def cautions_of(vehicle: VehicleFile, estimate: Estimate, rows: Sequence[Row]) -> tuple[str, ...]:
+    """Sentences, at most one on the outcome, one on coloured noise and one on all derivatives together."""
+    told = []
+    outcome = estimate.outcome
+    if outcome is not Outcome.CONVERGED:
+        told.append(f"{outcome.value}; {outcome.hint}" if outcome.hint else outcome.value)
+    told += [said] if (said := coloured(estimate)) else []
+    if vehicle.model in AIRCRAFT:
+        told += [said] if (said := contradicted(rows, vehicle.derivatives)) else []
+    return tuple(told)
+
+
+def failed(records: Sequence[Record], estimate: Estimate, rows: Sequence[Row], declared: Mapping[str, float]) -> tuple[str, ...]:
+    """A sentence where an estimate by free simulation is none: it runs away, explains nothing, or determines no derivative."""
+    measured, left = [], []
+    for i, name in enumerate(estimate.output_names):
+        of = [(record[name], row[i]) for record, row in zip(records, estimate.fitted, strict=False) if name in record.output_names]
+        known = [(channel.values[channel.valid], row[channel.valid]) for channel, row in of if np.any(channel.valid)]
+        measured.append(np.concatenate([z - np.mean(z) for z, _ in known] or [np.zeros(1)]))
+        left.append(np.concatenate([z - y for z, y in known] or [np.zeros(1)]))
+    units = {name: next(r[name].unit for r in records if name in r.output_names) for name in estimate.output_names}
+    why = failed_simulation(units, measured, left) if len(estimate.fitted) == len(records) else ""
+    if not why and none_determined((row.std, declared[row.name]) for row in rows if row.name in declared):
+        why = UNDETERMINED
+    remedy = "check units, signs and declared values, cut the record to single maneuvers, or use --method filter-error or equation-error"
+    return (f"the fit has failed: {why}; {remedy}",) if why else ()
+
+
+def coloured(estimate: Estimate) -> str:
+    """One sentence on a filter whose innovations are coloured: by how much standard deviations for white noise are too small."""
+    found = coloured_innovations(estimate)
+    if found is None or not found.significant or not found.factor.size or found.factor.max() < NOTABLE:
+        return ""
+    worst = int(np.argmax(found.factor))
+    apart = ", ".join(f"{name} {value:.2f}" for name, value in found.lag_one.items())
+    text = f"the noise is not white (autocorrelation of the residuals one sample apart: {apart}): standard deviations for white noise "
+    text += f"would be up to {found.factor[worst]:.1f} times too small ({found.names[worst]})"
+    corrected = estimate.sigma(found.names[worst]) >= 0.99 * float(np.sqrt(found.covariance[worst, worst]))
+    if not corrected:
+        return text.replace("would be", "are") + "; those given are for white noise"
+    return f"{text}; those given are corrected for it, and may still be up to {STILL_SHORT} too small, as the colour is known from this record alone"
+
+
+def contradicted(rows: Sequence[Row], declared: Mapping[str, float]) -> str:
+    """One sentence on all derivatives that the vehicle file contradicts by two sigmas, as too large, too small or of the other sign; or nothing."""
+    found = []
+    for row in rows:
+        start = declared.get(row.name, 0.0)
+        given = row.estimate, row.std, start
+        why = "" if row.name in FREE_OF_CHARGE else contradiction(*given) or shortfall(*given)
+        if why:
+            found.append(f"{row.name} {number_text(row.estimate, row.std)} +- {number_text(row.std, row.std)} {why} (vehicle file {start:.4g})")
+    return f"not to be believed: {'; '.join(found)}; {CAUSES}; flightid diagnose looks for the cause" if found else ""
+
+
+# ---- Cautions on sigmas that are smaller than the errors
+
+# In gusts, of the worst model: the factor on sigmas with which two of them hold 95.4 % of the true
+# values, that of the worst derivative, and what two hold. Measured: docs/estimators.md, Coverage.
+SHORT_IN_GUSTS: Mapping[str, tuple[float, float, float]] = {
+    "output-error": (1.25, 1.8, 0.91),
+    METHOD: (1.5, 2.1, 0.85),
+}
+FILTER_ERROR = (1.15, 0.92)
+# Of sample intervals, the share with lost rows from which unknown inputs bias a method by more than
+# half a sigma. Measured: rows dropped at random from flights with stepped inputs and white noise.
+LOST_ROWS: Mapping[str, float] = {"equation-error": 0.1, "output-error": 0.05}
+LONGER = 1.5  # times the usual interval: between that of one sample and of two
+INTENSITY = "gust-turbulence.sigma"
+
+
+def sigma_cautions(
+    records: Sequence[Record],
+    estimate: Estimate,
+    system: System | None = None,
+    tests: Sequence[ResidualTest] = (),
+    local: Sequence[str] = (),
+) -> tuple[str, ...]:
+    """A sentence on each reason for which sigmas of the method are smaller than its errors; else nothing.
+
+    Lost rows: see ``LOST_ROWS``. A model that is unstable at the estimate (of ``system``, with
+    ``local`` parameters of each record) where one cause moves the residuals of several outputs,
+    which are not white by their ``tests``. Where it is stable gusts, for output error and the
+    frequency domain, by the same sign. Gusts, for filter error: their intensity is more than two
+    of its sigmas.
+    """
+    unstable = _of_instability(records, estimate, system, tests, local) if system is not None else ()
+    return (*_of_lost_rows(records, estimate), *(unstable or _of_gusts(records, estimate)))
+
+
+def _of_instability(
+    records: Sequence[Record], estimate: Estimate, system: System, tests: Sequence[ResidualTest], local: Sequence[str]
+) -> tuple[str, ...]:
+    """Errors of a free simulation grow with its unstable mode, while sigmas of output error count the sensors' noise alone."""
+    if not np.all(np.isfinite(estimate.values)) or not disturbed_outputs(records, estimate, tests):
+        return ()
+    known = {name: value for name, value in estimate.as_dict().items() if name in system.parameters}
+    found = replace(system, parameters=system.parameters.with_values(known))
+    layout = lay_out(records, found, FitSettings(), local=local)
+    if not GROWN <= growth(layout) < np.inf:
+        return ()
+    return (
+        f"the model is unstable at the estimate: its free simulation doubles small errors, such as "
+        f"those of inputs between samples and of rounding, every {np.log(2.0) / fastest(layout):.2g} s; "
+        f"sigmas of {estimate.method} count the noise of the sensors alone and are too small, and values "
+        f"may be wrong by many of them; use --method filter-error, which allows for such errors",
+    )
+
+
+def _of_lost_rows(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
+    least, share = LOST_ROWS.get(estimate.method), lost_rows(records)
+    if least is None or share < least or not any(record.inputs for record in records):
+        return ()
+    return (
+        f"rows are lost in {100 * share:.0f} % of the sample intervals, and with them the inputs: from {100 * least:g} % "
+        f"on that biases {estimate.method} by more than half a sigma where inputs step; where only outputs are missing, "
+        f"keep the row and leave their cells empty",
+    )
+
+
+def lost_rows(records: Sequence[Record]) -> float:
+    """Share of the sample intervals, of all records together, in which at least one row is lost.
+
+    The usual interval of a record is the one that a quarter of its intervals do not exceed: half of them may be longer.
+    """
+    longer, count = 0, 0
+    for record in records:
+        gaps = np.diff(record.time)
+        longer += int(np.count_nonzero(gaps > LONGER * np.quantile(gaps, 0.25)))
+        count += len(gaps)
+    return longer / max(count, 1)
+
+
+def _of_gusts(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
+    if estimate.method in SHORT_IN_GUSTS and _moved_together(records, estimate):
+        factor, worst, held = SHORT_IN_GUSTS[estimate.method]
+        return (
+            f"one cause moves the residuals of several outputs, as gusts do: in gusts sigmas of "
+            f"{estimate.method} are {factor:g} times too small, of single derivatives up to {worst:g} times (two of "
+            f"them held {100 * held:.0f} % of the true values); those of equation-error hold",
+        )
+    if estimate.method == "filter-error" and INTENSITY in estimate.names and estimate.value(INTENSITY) > 2.0 * estimate.sigma(INTENSITY):
+        factor, held = FILTER_ERROR
+        return (
+            f"gusts act: in gusts whose spectrum is not Dryden's sigmas of filter-error are up "
+            f"to {factor:g} times too small (two of them held {100 * held:.0f} % of the true "
+            f"values); those of equation-error hold",
+        )
+    return ()
+
+
+def disturbed_outputs(records: Sequence[Record], estimate: Estimate, tests: Sequence[ResidualTest]) -> tuple[str, ...]:
+    """Outputs of a free simulation whose residuals are not white, where one cause moves several of them as process noise does.
+
+    Measured on flights of three models: of 120 with white noise of each sensor none is called so, of 120 with AR(1) noise three, of 240 in gusts all.
+    """
+    if estimate.method not in SHORT_IN_GUSTS or not _moved_together(records, estimate):
+        return ()
+    failed = (test.channel for test in tests if not test.passed and test.channel in estimate.output_names)
+    return tuple(dict.fromkeys(failed))  # an output may fail more than one test
+
+
+def _moved_together(records: Sequence[Record], estimate: Estimate) -> bool:
+    return common_disturbance(*_residuals(records, estimate))
+
+
+def _residuals(records: Sequence[Record], estimate: Estimate) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Measured minus fitted ``(m, N)`` a record, zero where a sample is missing, and which samples there are."""
+    measured = [record.output_array(estimate.output_names) for record in records]
+    residuals = [np.where(known, z - fitted, 0.0) for (z, known), fitted in zip(measured, estimate.fitted, strict=True)]
+    return residuals, [known for _, known in measured]

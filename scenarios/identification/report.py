@@ -1,0 +1,404 @@
+"""An identification in the terminal, in comparison.json and on its page."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from ident.estimate import Outcome
+from ident.flying_qualities.levels import Flown, mode_levels
+from ident.recording.series import measurable_noise
+from ident.statistics.intervals import LEVEL, ProfileInterval
+from ident.statistics.noise_levels import sensor_noise, used_runs
+from ident.tracing.diagnosis import Quantity
+from scenarios.files.sources import InputFile
+from scenarios.files.user_models import Constraints
+from scenarios.identification.assessment import AtBound, IdentificationResult, RecordFit, reading_rows
+from scenarios.identification.conditions import METHOD as FREQUENCY
+from scenarios.identification.conditions import PATH
+from scenarios.identification.methods import uses_attitude
+from scenarios.kept import IDENTIFY, KeptModel, KeptReading
+from scenarios.pages.folder import figures
+from scenarios.pages.model import Block, Bullets, Page, Prose, as_sentence, capital, now, reproduction, section, summary_sentences
+from scenarios.pages.tables import columns_table, derived_table, estimates_table, fixed_table, levels_of_noise, rows_table, tests_table
+from scenarios.plots.formats import Drawn
+from scenarios.preparation.plan import LIFT, SPEED, Plan
+from scenarios.preparation.recording import record_lines, record_table
+from scenarios.studies.rows import Row
+from scenarios.terminal.quantities import console, derived_line, determined, displayed, number_text, shown_in, spaced, test_line, unit_cell
+from scenarios.terminal.summary import BELOW, Summary, levels_line, print_summary, residual_phrase, result_phrase
+from scenarios.terminal.tables import WIDTH, TableColumn, columns_of, print_lines, print_paragraph, print_table, table_lines, wrapped
+
+# ---- What stands beside an estimate, for comparison.json
+
+
+def constraints_content(constraints: Constraints, tied: Sequence[Row], at_bounds: Sequence[AtBound]) -> dict[str, Any]:
+    """What the vehicle file lays down and what came of it; empty where nothing is."""
+    out: dict[str, Any] = {}
+    if constraints.fixed:
+        out["held"] = list(constraints.fixed)
+    if constraints.bounds:
+        out["bounds"] = {name: _pair(low, high) for name, (low, high) in constraints.bounds.items()}
+    if constraints.ties:
+        rows = {row.name: row for row in tied}
+        out["tied"] = {
+            tie.name: {"estimate": rows[tie.name].estimate, "std": rows[tie.name].std, "unit": rows[tie.name].unit, "tie": tie.words}
+            for tie in constraints.ties
+            if tie.name in rows
+        }
+    if at_bounds:
+        out["at_bound"] = {each.name: {"value": each.value, "unit": each.unit, "bound": each.side} for each in at_bounds}
+    return {"constraints": out} if out else {}
+
+
+def intervals_content(intervals: Sequence[ProfileInterval]) -> dict[str, Any]:
+    """Profile-likelihood intervals by parameter; an end that is left out is open."""
+    if not intervals:
+        return {}
+    return {"intervals": {"level": LEVEL, "parameters": {each.name: _interval(each) for each in intervals}}}
+
+
+def fits_content(fits: Sequence[RecordFit]) -> dict[str, Any]:
+    """Errors of the free simulations, record by record."""
+    return {"records_fitted": [_fit(each) for each in fits]} if fits else {}
+
+
+def _pair(low: float, high: float) -> dict[str, float]:
+    return {key: value for key, value in (("low", low), ("high", high)) if abs(value) != float("inf")}
+
+
+def _interval(each: ProfileInterval) -> dict[str, Any]:
+    ends = {key: value for key, value in (("low", each.low), ("high", each.high)) if value is not None}
+    bounds = [key for key, at in (("low", each.low_bound), ("high", each.high_bound)) if at]
+    return {**ends, **({"at_bound": bounds} if bounds else {}), "agrees_with_sigma": each.agrees}
+
+
+def _fit(each: RecordFit) -> dict[str, Any]:
+    content: dict[str, Any] = {"record": each.record.name, "held_out": each.held_out}
+    if each.figures is not None:
+        figures = each.figures
+        content["channels"] = {
+            name: {"rms_error": figures.rmse[name], "fit_percent": each.fit_percent(name), "r2": figures.r2[name], "theil": figures.theil[name]}
+            for name in figures.rmse
+        }
+    return content
+
+
+# ---- What stands beside an estimate, in lines for the terminal
+
+INTERVALS = ("parameter", "unit", "from", "to", "in sigmas", "as sigma says")
+PROFILED = f"profile likelihood, {100.0 * LEVEL:.0f} % intervals"
+FITS = ("record", "", "channel", "rms error", "fit %", "R2", "Theil")
+SIMULATED = "free simulation: initial states and biases alone are of the record itself"
+LIKELIER = 0.1  # of log likelihood, by which a refit must beat the estimate to be worth a word
+
+
+def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
+    """A line for each parameter at a bound and each that follows others."""
+    # What follows only what is held has no sigma of its own.
+    sigmas = [f" +- {number_text(row.std, row.std)}" if row.std > 0.0 else "" for row in tied]
+    followed = [f"{row.name} {number_text(row.estimate, row.std)}{sigma}{spaced(row.unit)}, tied" for row, sigma in zip(tied, sigmas, strict=True)]
+    return [*(each.words for each in at_bounds), *followed]
+
+
+def interval_lines(intervals: Sequence[ProfileInterval], units: Mapping[str, str], width: int = WIDTH) -> list[str]:
+    """A table of the intervals, and a sentence on those that a sigma does not tell, each line within ``width``."""
+    lines = table_lines(columns_of(INTERVALS, interval_rows(intervals, units), left=2), title=PROFILED, width=width)
+    return [*lines, *(line for sentence in interval_sentences(intervals) for line in wrapped(sentence, width))]
+
+
+def interval_rows(intervals: Sequence[ProfileInterval], units: Mapping[str, str]) -> list[tuple[str, ...]]:
+    """Cells below ``INTERVALS``."""
+    return [
+        (each.name, unit_cell(shown_in(units.get(each.name, ""), each.name).unit), *_ends(each, units), _sides(each), "" if each.agrees else "no")
+        for each in intervals
+    ]
+
+
+def interval_sentences(intervals: Sequence[ProfileInterval]) -> list[str]:
+    """What a sigma does not tell of them."""
+    said: list[str] = []
+    odd = [each for each in intervals if not each.agrees]
+    open_ends = [f"{each.name} is open {' and '.join(_open(each))}" for each in odd if _open(each)]
+    if open_ends:
+        said.append(f"not determined on that side by these data: {'; '.join(open_ends)}")
+    skewed = [each.name for each in odd if not _open(each)]
+    if skewed:
+        said.append(f"the interval is not +- 2 sigma: {', '.join(skewed)}; quote the interval")
+    better = [each.name for each in intervals if each.better > LIKELIER]
+    if better:
+        said.append(f"likelier values than the estimate were found along {', '.join(better)}: the fit was not at its best")
+    return said
+
+
+def fit_lines(fits: Sequence[RecordFit], width: int = WIDTH) -> list[str]:
+    """A table of what the free simulations miss, a row for each record and channel, no line longer than ``width``."""
+    return table_lines(columns_of(FITS, fit_rows(fits), left=3), title=SIMULATED, width=width)
+
+
+def fit_rows(fits: Sequence[RecordFit]) -> list[tuple[str, ...]]:
+    """Cells below ``FITS``."""
+    rows: list[tuple[str, ...]] = []
+    for each in fits:
+        word = "held out" if each.held_out else "fitted"
+        if each.figures is None:
+            rows.append((each.record.name, word, "-", "no finite simulation", "", "", ""))
+            continue
+        for name, error in each.figures.rmse.items():
+            value, _, unit = displayed(Quantity(error, 0.0, each.record[name].unit))
+            figures = f"{each.fit_percent(name):.1f}", f"{each.figures.r2[name]:.4f}", f"{each.figures.theil[name]:.3f}"
+            rows.append((each.record.name, word, name, f"{value:.3g}{spaced(unit)}", *figures))
+    return rows
+
+
+def _ends(each: ProfileInterval, units: Mapping[str, str]) -> tuple[str, str]:
+    factor = shown_in(units.get(each.name, ""), each.name).factor
+    return _end(each, -1, factor), _end(each, 1, factor)
+
+
+def _end(each: ProfileInterval, side: int, factor: float) -> str:
+    end, at_bound = (each.low, each.low_bound) if side < 0 else (each.high, each.high_bound)
+    if end is None:
+        return "open"
+    return number_text(factor * end, factor * each.sigma) + (" (bound)" if at_bound else "")
+
+
+def _sides(each: ProfileInterval) -> str:
+    """``"-1.8 to +2.6"``."""
+    low, high = ("open" if end is None else f"{(end - each.value) / each.sigma:+.2g}" for end in (each.low, each.high))
+    return f"{low} to {high}"
+
+
+def _open(each: ProfileInterval) -> list[str]:
+    return [word for word, end in (("below", each.low), ("above", each.high)) if end is None]
+
+
+# ---- Of an identification whose residual is not white
+
+UNMEASURABLE = "not measurable from this record"
+
+
+def estimated_noise(found: IdentificationResult) -> dict[str, float]:
+    """Sensor noise (SI) of each output whose residual fails a test, where the high frequencies of what free simulations miss show it."""
+    return {name: level for name, level in _levels(found).items() if level is not None}
+
+
+def _levels(found: IdentificationResult) -> dict[str, float | None]:
+    """The same with None where a record is too short, or its samples are too smooth for a sensor's; never below the rounding of a converter."""
+    coloured = {test.channel.partition(",")[0] for test in found.tests if not test.passed}
+    out: dict[str, float | None] = {}
+    for name in found.estimate.output_names:
+        runs, values = [], []
+        for fit in found.fits:
+            if fit.held_out or fit.figures is None or name not in coloured or name not in fit.record.output_names:
+                continue
+            channel = fit.record[name]
+            residual = channel.values - fit.simulated[fit.outputs.index(name)]
+            runs += used_runs(fit.record.time, residual, channel.valid & np.isfinite(residual))
+            values.append(channel.values[channel.valid])
+        if values:
+            out[name] = measurable_noise(sensor_noise(runs), values)
+    return out
+
+
+def noise_phrase(found: IdentificationResult) -> str:
+    """``"sensor noise (estimated, 1 sigma): q 0.09 deg/s"``; empty where every residual is white, and is the noise."""
+    levels = []
+    for name, level in _levels(found).items():
+        if level is None:
+            levels.append(f"{name} {UNMEASURABLE}")
+            continue
+        unit = next(record[name].unit for record in (found.record, *found.others) if name in record.output_names)
+        factor, shown = shown_in(unit, name)
+        levels.append(f"{name} {factor * level:.3g}{spaced(shown)}")
+    return f"sensor noise (estimated from high frequencies, 1 sigma): {', '.join(levels)}" if levels else ""
+
+
+# ---- The model of an identification as its study folder keeps it
+
+
+def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | None:
+    """The model that an identification leaves; None where its numbers are not finite, and it predicts nothing."""
+    trained, vehicle, first = found.trained, found.vehicle, found.record
+    if trained is None or not np.all(np.isfinite([*trained.shared.values(), *trained.own[0].values()])):
+        return None
+    by_own_filter = vehicle.model == "loes" and found.method == "ekf"
+    measured = set(first.input_names)
+    reading = KeptReading(
+        first.hold.value,
+        plan.hold is not None,
+        weight=SPEED not in measured or LIFT in measured,
+        flow=not by_own_filter and found.method != FREQUENCY,
+        attitude=uses_attitude(vehicle, found.method),
+        rate=plan.rate or 0.0,
+        lowpass=plan.lowpass or 0.0,
+        trusted=plan.trusted,
+    )
+    identity = vehicle.identity if vehicle.text else None
+    biases = tuple(name.removeprefix("bias_") for name in trained.own[0])
+    return KeptModel(IDENTIFY, vehicle.model, identity, vehicle.text, vehicle.own_file, reading, biases, trained, weighed=PATH in trained.shared)
+
+
+# ---- An identification in the terminal
+
+HEADINGS = ("parameter", "unit", "estimate", "+- sigma", "sigma %", "start")
+
+
+def print_identification(found: IdentificationResult, flown: Flown, out: Console | None = None, details: str = BELOW) -> None:
+    """Print an identification; ``details`` says where else it is to be read."""
+    out = out or console()
+    records = (found.record, *found.others)
+    print_summary(out, identification_summary(found, details))
+    for record in records:
+        told = f"; {found.vehicle.model} model, {found.method}: {found.estimate.outcome.value}" if record is records[-1] else ""
+        print_paragraph(out, f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s{told}", 0)
+    if found.engine:
+        print_paragraph(out, f"engine: {found.engine['sentence']}", 0)
+    said = [*(f"warning: {doubt}" for doubt in found.doubts), *(f"caution: {caution}" for caution in found.cautions)]
+    for line in (*said, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
+        print_paragraph(out, line, 0)
+    print_table(out, "", _estimates(found))
+    print_lines(out, interval_lines(found.intervals, {row.name: row.unit for row in found.rows}, out.width))
+    if found.reading:
+        print_paragraph(out, f"caution: {found.reading.sentence}", 0)
+        print_table(out, "", reading_rows(found.reading))
+    print_paragraph(out, f"residual (1 sigma): {_residual(found)}", 0)
+    print_lines(out, fit_lines(found.fits, out.width))
+    reached = levels_line(mode_levels(found.modes, flown), flown, found.tests) if found.modes is not None else ""
+    for line in (derived_line(found.derived), reached, test_line(found.tests), noise_phrase(found), *(f"note: {note}" for note in found.notes)):
+        if line:
+            print_paragraph(out, line, 0)
+
+
+def identification_summary(found: IdentificationResult, details: str = BELOW) -> Summary:
+    """Records, model and method; the outcome; what matters most; what the fit leaves."""
+    records = (found.record, *found.others)
+    named = found.record.name if len(records) == 1 else f"{found.record.name} and {len(records) - 1} more"
+    samples = sum(len(record) for record in records)
+    rows = [(row.name, row.estimate, row.std, row.unit) for row in found.rows]
+    vague = [row.name for row in found.rows if not determined(row.estimate, row.std)]
+    outcome = found.estimate.outcome.value + (f"; not determined: {', '.join(vague)}" if vague else "")
+    cautions = len(found.cautions) + len(found.doubts)
+    outcome += f"; {cautions} caution{'s' if cautions > 1 else ''} below" if cautions else ""
+    return Summary(
+        f"{named}, {samples} samples; {found.vehicle.name}, {found.vehicle.model} model, {found.method}",
+        outcome,
+        result_phrase(rows, found.derived),
+        residual_phrase(found.tests),
+        details,
+    )
+
+
+def _estimates(found: IdentificationResult) -> Sequence[TableColumn]:
+    starts = {**found.vehicle.derivatives, **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()}}
+    return columns_of(HEADINGS, [_cells(row, starts.get(row.name)) for row in (*found.rows, *found.biases)], left=2)
+
+
+def _cells(row: Row, start: float | None) -> tuple[str, ...]:
+    factor, unit = shown_in(row.unit, row.name)
+    begun = f"{factor * start:.5g}" if start is not None else "-"
+    if not determined(row.estimate, row.std):
+        return row.name, unit_cell(unit), "not determined", "-", "-", begun
+    share = f"{100.0 * row.std / abs(row.estimate):.2g}" if row.estimate else "-"
+    return (
+        row.name,
+        unit_cell(unit),
+        number_text(factor * row.estimate, factor * row.std),
+        number_text(factor * row.std, factor * row.std),
+        share,
+        begun,
+    )
+
+
+def _residual(found: IdentificationResult) -> str:
+    units = {channel.name: channel.unit for record in (found.record, *found.others) for channel in record.outputs}
+    levels = zip(found.estimate.output_names, found.estimate.noise_std, strict=True)
+    shown = [(name, displayed(Quantity(float(std), 0.0, units.get(name, "")))) for name, std in levels]
+    return ", ".join(f"{name} {value:.3g}{spaced(unit)}" for name, (value, _, unit) in shown)
+
+
+# ---- The page of an identification from measured records
+
+SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
+
+
+def identification_page(
+    found: IdentificationResult, flown: Flown, files: Sequence[InputFile], validation: Sequence[InputFile] = (), drawn: Sequence[Drawn] = ()
+) -> Page:
+    """The page of an identification: ``files`` were fitted, those of ``validation`` predicted."""
+    estimate, records = found.estimate, (found.record, *found.others)
+    settled = estimate.outcome in SETTLED
+    white = all(test.passed for test in found.tests)
+    inputs = [("fitted", file.name, file.sha256) for file in files] + [("predicted", file.name, file.sha256) for file in validation]
+    inputs += [(use, file.name, file.sha256) for use, file in (("vehicle", found.vehicle.identity), ("model", found.vehicle.own_file)) if file]
+    samples = f"{sum(map(len, records))} samples of {len(records)} records" if len(records) > 1 else f"{len(found.record)} samples"
+    reading = (found.reading.sentence,) if found.reading else ()
+    hint = estimate.outcome.hint
+    return Page(
+        title=f"{capital(found.vehicle.name)}: {_model(found)} model",
+        kind=f"Identification from {', '.join(dict.fromkeys(record.name for record in records))}, {found.method}",
+        verdict=estimate.outcome.value.partition(":")[0].partition(",")[0],
+        tone="open" if not settled else "good" if white and not found.cautions else "fair",
+        sentence=as_sentence(f"{len(found.rows)} parameters from {samples}" + (f". {capital(hint)}" if hint else "")),
+        summary=summary_sentences(identification_summary(found)),
+        warnings=tuple(map(as_sentence, (*found.doubts, *found.cautions, *reading))),
+        sections=(
+            *section("What was found", *_found(found, flown)),
+            *section("Prediction", rows_table(capital(SIMULATED), FITS, fit_rows(found.fits))),
+            *section("Figures", *figures(drawn)),
+            *section("Residuals and noise", *_evidence(found)),
+            *section("The record as it was recorded", record_table(found.look)),
+            *section("How it was made", *_made(found)),
+        ),
+        reproduction=reproduction(_command(found, files), "", inputs),
+        created=now(),
+    )
+
+
+def _found(found: IdentificationResult, flown: Flown) -> list[Block]:
+    starts = {**found.vehicle.derivatives, **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()}}
+    blocks: list[Block] = [estimates_table("Parameters", found.rows, starts)]
+    blocks += [estimates_table("Biases of the sensors", found.biases)] if found.biases else []
+    blocks += [derived_table("What follows from them", found.derived)] if found.derived else []
+    levels = levels_line(mode_levels(found.modes, flown), flown, found.tests) if found.modes is not None else ""
+    blocks += [Prose(as_sentence(line)) for line in (*bound_lines(found.at_bounds, found.tied), levels) if line]
+    if found.intervals:
+        units = {row.name: row.unit for row in found.rows}
+        blocks += [rows_table(capital(PROFILED), INTERVALS, interval_rows(found.intervals, units))]
+        blocks += [Prose(as_sentence(line)) for line in interval_sentences(found.intervals)]
+    if found.reading:
+        blocks += [columns_table("If the inputs were read otherwise between samples", reading_rows(found.reading))]
+    return blocks
+
+
+def _evidence(found: IdentificationResult) -> list[Block]:
+    estimate = found.estimate
+    units = {channel.name: channel.unit for record in (found.record, *found.others) for channel in record.outputs}
+    noise = {name: (float(std), units.get(name, "1")) for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)}
+    blocks: list[Block] = [tests_table("Residual tests", found.tests)] if found.tests else []
+    phrase = noise_phrase(found)
+    return [*blocks, levels_of_noise("Residual, one sigma", noise), *([Prose(as_sentence(phrase))] if phrase else [])]
+
+
+def _made(found: IdentificationResult) -> list[Block]:
+    records = (found.record, *found.others)
+    parts = tuple(f"{r.name}: {len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s" for r in records)
+    notes = tuple(as_sentence(note) for note in found.notes)
+    blocks: list[Block] = [Bullets(parts), Bullets(notes)]
+    blocks += [Prose(as_sentence(f"engine: {found.engine['sentence']}"))] if found.engine else []
+    return [*blocks, *([fixed_table("What was held", found.fixed)] if found.fixed else [])]
+
+
+def _model(found: IdentificationResult) -> str:
+    return found.vehicle.own_file.name if found.vehicle.own_file is not None else found.vehicle.model
+
+
+def _command(found: IdentificationResult, files: Sequence[InputFile]) -> list[str]:
+    """What would be typed for this, as far as the result tells."""
+    vehicle = found.vehicle.identity
+    given = ["--vehicle", os.fspath(vehicle.name)] if vehicle is not None else []
+    return ["flightid", "identify", *(file.name for file in files), "--model", _model(found), *given, "--method", found.method]

@@ -1,1 +1,0 @@
-"""What is printed and written of an identification."""

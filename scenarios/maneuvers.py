@@ -1,0 +1,392 @@
+"""Maneuvers in a record file: found, printed, and written for the commands that use them."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from ident.maneuver_detection import AXES, PAUSE, FlightSignals, Maneuver, active_share, find_maneuvers
+from scenarios.files.channels import ColumnChoice
+from scenarios.files.measured.record_file import RecordFile, opened, with_names
+from scenarios.files.records import read_record, refuse_rate
+from scenarios.files.sources import InputFile, versions
+from scenarios.files.writing import study_folder, write_json, write_text
+from scenarios.pages.folder import figures, write_page
+from scenarios.pages.model import Bullets, Page, Prose, as_sentence, now, reproduction, section
+from scenarios.pages.tables import printed_blocks
+from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.preparation.maneuver_file import FILE, Part, Parts
+from scenarios.preparation.measured_inputs import with_load_factors
+from scenarios.preparation.plan import Plan
+from scenarios.terminal.quantities import console, shown_in, spaced
+from scenarios.terminal.summary import BELOW, Summary, print_summary
+from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
+from sim.record import Record
+
+# ---- A record file searched for maneuvers
+
+CONTROLS = tuple(AXES)
+MOTION = (
+    "alpha",
+    "q",
+    "nz",
+    "theta",
+    "airspeed",
+    "height",
+    "altitude",
+    "beta",
+    "p",
+    "r",
+    "phi",
+    "az",
+)
+LEAD, TAIL = (
+    2.0,
+    5.0,
+)  # s of a record before and after an input that belong to its maneuver: rest, and the response
+DIGITS = 3  # behind the point, of the times in maneuvers.toml
+
+
+@dataclass(frozen=True)
+class NumberedManeuver:
+    """A maneuver of a record.
+
+    Attributes
+    ----------
+    number : from 1 on, in the order of the times. name : axis, kind and a count, ``"pitch-doublet-2"``.
+    found : what the search found. unit : of its amplitude.
+    start, stop : s, the part of the record to use: with rest before the input and the response after it.
+    """
+
+    number: int
+    name: str
+    found: Maneuver
+    unit: str
+    start: float
+    stop: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FoundManeuvers:
+    """The maneuvers of a record file.
+
+    Attributes
+    ----------
+    identity : the file. record : its channels that were searched, SI; controls stand among the outputs, where samples may be missing.
+    maneuvers : in the order of their times. active : share of the time in which an input moves beyond its rest level.
+    path : of the file, None where the record is in memory. simulated : a program made it.
+    unread : columns that look like channels and were not read, by channel: a channel map names them.
+    """
+
+    identity: InputFile
+    record: Record
+    maneuvers: tuple[NumberedManeuver, ...]
+    active: float
+    path: Path | None = None
+    simulated: bool = False
+    unread: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> Parts:
+        """The parts of the record as ``maneuvers.toml`` declares them."""
+        some = tuple(Part(each.number, each.name, each.start, each.stop) for each in self.maneuvers)
+        return Parts(self.identity.name, self.identity.name, self.identity.sha256, some)
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What a user should know, one sentence each."""
+        inputs = [name for name in CONTROLS if name in self.record.output_names]
+        cautions = [] if inputs else [f"no input is recorded ({', '.join(CONTROLS)}): turns alone are found"]
+        moves = [each for each in self.maneuvers if each.found.kind != "trim"]
+        if inputs and not moves:
+            cautions.append("no maneuver found: no input has the form of one, and none rises above what it does at rest")
+        if self.unread:
+            alike = [f"{column} looks like {channel}" for channel, column in self.unread.items()]
+            name = self.identity.name if self.path is None else self.path
+            cautions.append(
+                f"{', '.join(alike)}: not read, since only a channel map says so; "
+                f"flightid map {name} --out DRAFT drafts one for --channels DRAFT/channels.toml"
+            )
+        return tuple(cautions)
+
+    def __repr__(self) -> str:
+        return f"<Maneuvers of {self.identity.name}: {len(self.maneuvers)}>"
+
+
+def maneuvers_of(source: Path | RecordFile, channels: Mapping[str, ColumnChoice] | None = None, plan: Plan | None = None) -> FoundManeuvers:
+    """Search a record file of any length.
+
+    ``plan`` : names of its columns, and its rate where it has no clock or several; None: its own.
+
+    Raises
+    ------
+    RecordError : anything in the file that keeps it from being used; none of the channels that are searched.
+    """
+    plan = plan or Plan()
+    file = with_names(opened(source), plan.columns)
+    if plan.rate is not None:
+        refuse_rate(file, channels)
+    record, _ = with_load_factors(read_record(file, (), (*CONTROLS, *MOTION), channels, rate=plan.rate))
+    signals = signals_of(record)
+    found = find_maneuvers(signals)
+    path = None if file.in_memory else file.path
+    return FoundManeuvers(
+        file.identity,
+        record,
+        numbered(found, record),
+        active_share(signals),
+        path,
+        file.sidecar.simulated,
+        _unread(file, record) if channels is None else {},
+    )
+
+
+def _unread(file: RecordFile, record: Record) -> Mapping[str, str]:
+    """Columns that look like a control or a rate that the record lacks, by channel."""
+    from scenarios.preparation.drafting import recognised
+
+    missing = [name for name in (*CONTROLS, "p", "q", "r") if name not in record.output_names]
+    return recognised(file, missing) if missing else {}
+
+
+def signals_of(record: Record) -> FlightSignals:
+    """A record's controls and motion as the search takes them."""
+    values = {channel.name: channel.with_gaps() for channel in record.channels}
+    return FlightSignals(
+        record.time,
+        {name: values[name] for name in CONTROLS if name in values},
+        {name: each for name, each in values.items() if name not in CONTROLS},
+    )
+
+
+def numbered(found: Sequence[Maneuver], record: Record) -> tuple[NumberedManeuver, ...]:
+    """Maneuvers with numbers, names and parts of the record that do not reach into the next maneuver's."""
+    counts: Counter[str] = Counter()
+    out = []
+    for number, each in enumerate(found, start=1):
+        stem = each.kind if each.kind == "trim" else f"{each.axis}-{each.kind}"
+        counts[stem] += 1
+        start, stop = _part(each, found, record)
+        out.append(
+            NumberedManeuver(
+                number,
+                f"{stem}-{counts[stem]}",
+                each,
+                record[each.channel].unit if each.channel else "",
+                start,
+                stop,
+            )
+        )
+    return tuple(out)
+
+
+def _part(each: Maneuver, found: Sequence[Maneuver], record: Record) -> tuple[float, float]:
+    """The input with ``LEAD`` and ``TAIL``, up to a pause in the rows and half way to its neighbours; a trim point as it is."""
+    if each.kind == "trim":
+        return round(each.start, DIGITS), round(each.end, DIGITS)
+    start, stop = each.start - LEAD, each.end + TAIL
+    for other in found:
+        if other.kind == "trim" or other is each:
+            continue
+        if other.end <= each.start:
+            start = max(start, 0.5 * (other.end + each.start))
+        elif other.start >= each.end:
+            stop = min(stop, 0.5 * (each.end + other.start))
+    first, last = (
+        int(np.searchsorted(record.time, start)),
+        int(np.searchsorted(record.time, stop, side="right")) - 1,
+    )
+    pauses = np.flatnonzero(np.diff(record.time[first : last + 1]) > PAUSE) + first
+    middle = 0.5 * (each.start + each.end)
+    first = max([first, *(int(k) + 1 for k in pauses if record.time[k] < middle)])
+    last = min([last, *(int(k) for k in pauses if record.time[k] >= middle)])
+    return round(float(record.time[first]), DIGITS), round(float(record.time[last]), DIGITS)
+
+
+# ---- A search in the terminal: a summary, and a table with a row for each maneuver
+
+ABSENT = "-"  # in a cell of what is not recorded
+
+
+def print_maneuvers(found: FoundManeuvers, out: Console | None = None, details: str = BELOW) -> None:
+    """Print a search."""
+    out = out or console()
+    print_summary(out, maneuvers_summary(found, details))
+    for line in found.cautions:
+        print_paragraph(out, f"warning: {line}", indent=0)
+    print_table(out, "maneuvers", table_columns(found))
+    if any(each.found.excitation for each in found.maneuvers):
+        print_paragraph(
+            out,
+            "t values: each derivative over its standard deviation, by equation error on this maneuver alone",
+            indent=0,
+        )
+
+
+def maneuvers_summary(found: FoundManeuvers, details: str = BELOW) -> Summary:
+    """The record, what was found, and how much of the time an input moves."""
+    record, kinds = found.record, Counter(each.found.kind for each in found.maneuvers)
+    moves = sum(count for kind, count in kinds.items() if kind != "trim")
+    named = ", ".join(f"{count} {kind}" for kind, count in kinds.items() if kind != "trim")
+    return Summary(
+        f"{found.identity.name}, {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s",
+        f"{moves} maneuver{'s' if moves != 1 else ''}{f' ({named})' if named else ''}, {kinds['trim']} trim point{'s' if kinds['trim'] != 1 else ''}",
+        f"an input moves beyond its noise in {100.0 * found.active:.1f} % of the time",
+        "",
+        details,
+    )
+
+
+def table_columns(found: FoundManeuvers) -> list[TableColumn]:
+    """The columns of the table."""
+    some = found.maneuvers
+    columns = [
+        TableColumn("no.", [str(each.number) for each in some]),
+        TableColumn("start, s", [f"{each.found.start:.2f}" for each in some]),
+        TableColumn("end, s", [f"{each.found.end:.2f}" for each in some]),
+        TableColumn("axis", [each.found.axis for each in some], left=True),
+        TableColumn("kind", [each.found.kind for each in some], left=True),
+        TableColumn("input", [each.found.channel or ABSENT for each in some], left=True),
+        TableColumn("amplitude", [amplitude_text(each) for each in some]),
+    ]
+    for name, unit, digits in (("airspeed", "m/s", 1), ("height", "m", 0)):
+        if any(name in each.found.conditions for each in some):
+            cells = [f"{each.found.conditions[name]:.{digits}f}" if name in each.found.conditions else ABSENT for each in some]
+            columns.append(TableColumn(f"{name}, {unit}", cells))
+    if any(each.found.excitation for each in some):
+        columns.append(TableColumn("t values", [excitation_text(each) for each in some], left=True))
+    return columns
+
+
+def amplitude_text(each: NumberedManeuver) -> str:
+    """``"2.31 deg"``."""
+    if not each.found.channel:
+        return ABSENT
+    factor, unit = shown_in(each.unit, each.found.channel)
+    return f"{factor * each.found.amplitude:.3g}{spaced(unit)}"
+
+
+def excitation_text(each: NumberedManeuver) -> str:
+    """``"Cm_alpha 12, Cm_q 8.1"``."""
+    return ", ".join(f"{name} {value:.2g}" if value < 10.0 else f"{name} {value:.0f}" for name, value in each.found.excitation.items()) or ABSENT
+
+
+# ---- The page of a search
+
+
+def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
+    """The page of a search with the figures ``drawn``."""
+    name, summary = found.identity.name, maneuvers_summary(found)
+    moves = sum(each.found.kind != "trim" for each in found.maneuvers)
+    table = printed_blocks(partial(print_table, title="Maneuvers and trim points", columns=table_columns(found)))
+    used = (
+        f"The file {FILE} holds the part of the record to use for each: {LEAD:g} s before the input to {TAIL:g} s after it, or half way to "
+        "its neighbour.",
+        f"flightid identify {name} --maneuver N uses one of them, by number or name; diagnose and survey do so as well.",
+        "A t value is a derivative over its standard deviation, by equation error on this maneuver alone; below about 5 it hardly determines it.",
+    )
+    return Page(
+        title=f"{name}: maneuvers",
+        kind="Maneuvers in a long record",
+        verdict=f"{moves} maneuver{'s' if moves != 1 else ''}",
+        tone="plain",
+        sentence=as_sentence(summary.outcome),
+        summary=(as_sentence(summary.result),),
+        warnings=tuple(map(as_sentence, found.cautions)),
+        sections=(
+            *section("The whole flight", *figures(drawn)),
+            *section("Maneuvers", *table, Prose("Angles in degrees; times of the inputs.", "note")),
+            *section("How they are used", Bullets(used)),
+        ),
+        reproduction=reproduction(["flightid", "maneuvers", name], "", [("searched", name, found.identity.sha256)]),
+        created=now(),
+    )
+
+
+# ---- The folder of a search
+
+MAIN = "maneuvers.json"
+SCHEMA = "flightid/maneuvers/1"
+_HEAD = """\
+# Maneuvers of one record, for --maneuver NUMBER or NAME of identify, diagnose and survey. Edit it freely: names and times, further
+# tables, tables deleted. Times are in s and include rest before the input and the response after it.
+"""
+
+
+def write_maneuvers(found: FoundManeuvers, folder: str | Path, *, figures: Formats = USUAL) -> Path:
+    """Write a search into ``folder``, whole or not at all; returns the folder."""
+    with study_folder(folder, MAIN) as scratch:
+        drawn: tuple[Drawn, ...] = ()
+        if figures:
+            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.maneuvers import figure_flight
+
+            drawn = drawn_for_page([("flight", partial(figure_flight, found, found.identity.name))], scratch, figures)
+        write_text(scratch / FILE, maneuvers_toml(found))
+        write_page(scratch, maneuvers_page(found, drawn))
+        write_json(scratch / MAIN, maneuvers_content(found))
+    return Path(folder)
+
+
+def maneuvers_toml(found: FoundManeuvers) -> str:
+    """Content of ``maneuvers.toml``."""
+    lines = [
+        _HEAD,
+        f"record = {_text(found.identity.name)}",
+        f"sha256 = {_text(found.identity.sha256)}",
+    ]
+    for each in found.maneuvers:
+        lines += [
+            "",
+            "[[maneuvers]]",
+            f"number = {each.number}",
+            f"name = {_text(each.name)}",
+            f"from = {each.start!r}",
+            f"to = {each.stop!r}",
+            f"axis = {_text(each.found.axis)}",
+            f"kind = {_text(each.found.kind)}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _text(text: str) -> str:
+    """A text as TOML writes it; JSON's escapes are among TOML's, but for the delete character."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def maneuvers_content(found: FoundManeuvers) -> dict[str, Any]:
+    """Content of ``maneuvers.json``: SI, nz in g."""
+    return {
+        "schema": SCHEMA,
+        "maneuvers": [_content(each) for each in found.maneuvers],
+        "active_share": found.active,
+        "warnings": list(found.cautions),
+        "inputs": {"records": [found.identity.name], "sha256": [found.identity.sha256]},
+        "versions": versions(),
+    }
+
+
+def _content(each: NumberedManeuver) -> dict[str, Any]:
+    one = each.found
+    moved = {"channel": one.channel, "amplitude": one.amplitude, "unit": each.unit} if one.channel else {}
+    return {
+        "number": each.number,
+        "name": each.name,
+        "start": one.start,
+        "end": one.end,
+        "from": each.start,
+        "to": each.stop,
+        "axis": one.axis,
+        "kind": one.kind,
+        **moved,
+        **dict(one.conditions),
+        "excitation": dict(one.excitation),
+    }

@@ -1,1 +1,0 @@
-"""Maneuvers in a long record."""

@@ -1,1 +1,0 @@
-"""Figures as they stand within a page."""

@@ -1,1 +1,0 @@
-"""Figures of several studies, structures or methods beside each other."""

@@ -1,0 +1,407 @@
+"""The model that a study keeps on another record: predicted, printed and written."""
+
+from __future__ import annotations
+
+import csv
+import io
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.tracing.diagnosis import ErrorFigures, Quantity
+from ident.tracing.later_record import predict
+from scenarios.diagnosis.candidates import checked_effects, read_effects
+from scenarios.files.channel_names import CHANNEL_UNITS
+from scenarios.files.channels import read_channel_map
+from scenarios.files.measured.record_file import RecordFile, all_simulated, opened
+from scenarios.files.sources import InputFile, read_source, versions
+from scenarios.files.user_models import OwnModel, channel_units
+from scenarios.files.vehicles import VehicleFile, read_beside, read_vehicle
+from scenarios.files.writing import PREDICTED, study_folder, write_json
+from scenarios.identification.assessment import left_out, pooled_fits, record_fits, with_wild_points, without
+from scenarios.identification.conditions import PATH, with_weight
+from scenarios.kept import DIAGNOSE, KeptFile, KeptModel, read_kept
+from scenarios.pages.folder import figures, write_page
+from scenarios.pages.model import Bullets, Page, as_sentence, capital, now, reproduction, section
+from scenarios.pages.tables import rows_table
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
+from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.preparation.declared_model import model_of_file
+from scenarios.preparation.plan import ATTITUDE, Plan
+from scenarios.preparation.plausibility import refuse_unpredictable
+from scenarios.preparation.reading import Decided, Prepared, prepare, put_together
+from scenarios.terminal.quantities import displayed
+from scenarios.terminal.tables import WIDTH, columns_of, table_lines, wrapped
+from sim.declaration.compile import compile_model
+from sim.declaration.model import Model, Noise
+from sim.declaration.proposal import Traceable
+from sim.errors import DeclarationError, RecordError
+from sim.record import Hold, Record
+
+if TYPE_CHECKING:
+    from scenarios.plots.drawing import Named
+
+
+# ---- The model that a study keeps
+
+
+@dataclass(frozen=True)
+class PredictionRequest:
+    """What a prediction is asked: a study folder, a record and how its columns are named; ``model`` and ``effects`` are a user's files, run,
+    or what such files hold.
+    """
+
+    study: Path
+    record: Path | RecordFile
+    channels: Path | Mapping[str, Any] | None = None
+    plan: Plan = field(default_factory=Plan)
+    model: Path | OwnModel | None = None
+    effects: Path | tuple[Traceable, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """One free simulation of the record: ``rows`` ``(m, N)`` of its channels, and their errors; None where it left all measure."""
+
+    rows: np.ndarray
+    figures: ErrorFigures | None
+
+    def fit_percent(self, channel: str) -> float:
+        """100 (1 - rms error over the spread of the measurement)."""
+        assert self.figures is not None
+        return 100.0 * (1.0 - self.figures.nrmse[channel])
+
+
+@dataclass(frozen=True, eq=False)
+class PredictionResult:
+    """A record predicted by a study's model: ``after`` with what the study found; ``before``, of a diagnosis, as declared.
+
+    ``simulated``: a program made the record, by what the JSON beside it says.
+    """
+
+    study: Path
+    kept: KeptModel
+    vehicle: str
+    record: Record
+    source: InputFile
+    channels: tuple[str, ...]
+    after: Simulation
+    before: Simulation | None
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+    simulated: bool = False
+
+
+def predict_record(asked: PredictionRequest) -> PredictionResult:
+    """Read the study's model and the record, and simulate.
+
+    Raises
+    ------
+    DeclarationError : the folder keeps no model; a file of the user's that it rests on is not named, or is another one.
+    RecordError : anything in the record that keeps it from being used.
+    """
+    file = read_kept(asked.study)
+    vehicle = _vehicle(file, asked.model)
+    model = model_of_file(vehicle)
+    kept = file.model(_own_effects(file, asked.effects, model))
+    source = opened(asked.record)
+    known = channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS
+    choices = read_channel_map(asked.channels, known) if asked.channels is not None else None
+    reading, plan = kept.reading, _plan(kept, asked.plan)
+    model = model.with_noise(Noise()) if kept.made_by == DIAGNOSE else model
+    decided = Decided(Hold(reading.hold), reading.weight)
+    ready = prepare((), model, plan, choices, [source], flow=reading.flow, attitude=reading.attitude, decided=decided, part=plan.segments[0])
+    (record,), declared = ready.predicted, ready.model
+    _refuse_without_attitude(kept, declared, record)
+    refuse_unpredictable([record], declared, "")
+    channels = tuple(name for name in kept.after.outputs if name in record.output_names)
+    if not channels:
+        remedy = f"the study's outputs are {', '.join(kept.after.outputs)}; map the columns with --channels"
+        raise RecordError("it has none of the study's outputs", where=str(source.path), remedy=remedy)
+    by = _by_diagnosis if kept.made_by == DIAGNOSE else _by_identification
+    record, before, after, counted = by(kept, declared, ready, trusted=plan.trusted)
+    masks = [left_out(*pair) for pair in zip(ready.validation, counted, strict=True)]
+    ready = replace(ready, look=with_wild_points(ready.look, ready.validation, masks))
+    return PredictionResult(
+        asked.study,
+        kept,
+        vehicle.name,
+        record,
+        source.identity,
+        channels,
+        after,
+        before,
+        (*read_beside([source], None), *ready.notes),
+        _warnings(ready),
+        all_simulated([source]),
+    )
+
+
+def _by_identification(
+    kept: KeptModel, declared: Model, ready: Prepared, *, trusted: bool
+) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
+    """As ``identify --validate`` predicts: the record, the simulations before and after, and its
+    parts less their wild points."""
+    model = with_weight(declared) if kept.weighed else declared
+    system = compile_model(model.with_biases(kept.biases), kept.after.outputs)
+    fits = record_fits([], ready.validation, system, kept.after.shared, kept.after.settings, [PATH], trusted=trusted)
+    (fit,) = pooled_fits(fits, ready.parted)
+    at = [fit.outputs.index(name) for name in fit.outputs if name in fit.record.output_names]
+    return fit.record, None, Simulation(fit.simulated[at], fit.figures), [each.record for each in fits]
+
+
+def _by_diagnosis(kept: KeptModel, declared: Model, ready: Prepared, *, trusted: bool) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
+    """As ``diagnose --validate`` predicts, which looks for wild points in any record."""
+    assert kept.before is not None
+    found = predict(kept.before, kept.after, declared.with_biases(kept.biases), ready.validation, kept.spiked)
+    (whole,) = ready.parted
+    rows = [[each.before for each in found.predictions], [each.after for each in found.predictions]]
+    record, (before, after) = put_together(whole, ready.validation, rows)
+    channels = found.predictions[0].channels
+    wild = [
+        {name: ~mask[row] & part[name].valid for row, name in enumerate(channels)} for part, mask in zip(ready.validation, found.counted, strict=True)
+    ]
+    parts = [without(part, masks) for part, masks in zip(ready.validation, wild, strict=True)]
+    return record, Simulation(before, found.before), Simulation(after, found.after if found.finite else None), parts
+
+
+def _vehicle(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
+    """The study's vehicle, from the text that it keeps; of a user's own model with the file that is named again."""
+    own, text = file.file("model_file"), file.content["vehicle_text"]
+    chosen: str | OwnModel = file.content["model"]
+    if own is not None:
+        if model is None:
+            what = f"the study's model is that of {own.name}, a file of a user's own, which is run only when it is named"
+            raise DeclarationError(what, where="--model", remedy=f"add --model PATH/{own.name}")
+        chosen = model if isinstance(model, OwnModel) else _same(model, own, "--model")
+        if isinstance(model, OwnModel) and model.identity.sha256 != own.sha256:
+            what = f"{model.model.name} is not the {own.name} that the study was made with"
+            raise DeclarationError(what, where="--model", remedy="give that model as it was, or run the study again")
+    elif model is not None:
+        raise DeclarationError(f"the study's model is {chosen}, which is built in", where="--model", remedy="leave it out")
+    if not text:
+        return read_vehicle(None, chosen)
+    with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
+        entry = file.file("vehicle")
+        # A study may be somebody else's: whatever name it gives its vehicle file, nothing is written outside this folder.
+        named = Path(entry.name).name.lstrip(".") if entry is not None else ""
+        path = Path(folder) / (named or "vehicle.toml")
+        path.write_text(text, encoding="utf-8", errors="backslashreplace", newline="\n")
+        return read_vehicle(path, chosen)
+
+
+def _own_effects(file: KeptFile, effects: Path | tuple[Traceable, ...] | None, model: Model) -> Sequence[Traceable]:
+    known = file.file("effects_file")
+    if effects is None:
+        return ()
+    if not isinstance(effects, Path):
+        return checked_effects(effects, model, "effects")
+    if known is None:
+        raise DeclarationError("the study was made without effects of one's own", where="--effects", remedy="leave it out")
+    return read_effects(_same(effects, known, "--effects"), model)
+
+
+def _same(path: Path, known: InputFile, option: str) -> str:
+    """The path of a user's file; refused where it is not the one that the study was made with, to the byte."""
+    if read_source(path, DeclarationError, "a Python file").identity.sha256 != known.sha256:
+        what = f"{path} is not the {known.name} that the study was made with"
+        raise DeclarationError(what, where=option, remedy="name that file as it was, or run the study again")
+    return str(path)
+
+
+def _plan(kept: KeptModel, asked: Plan) -> Plan:
+    """The study's preparation, and of the record the part that is asked."""
+    reading = kept.reading
+    hold = Hold(reading.hold) if reading.by_hand else None
+    trusted = reading.trusted or asked.trusted
+    return Plan(asked.segments, hold, asked.rate or reading.rate or None, reading.lowpass or None, trusted, asked.columns, asked.chosen)
+
+
+def _refuse_without_attitude(kept: KeptModel, declared: Model, record: Record) -> None:
+    """A model that takes the pitch attitude from the record needs one there."""
+    takes = kept.weighed or any(getattr(effect, "attitude_recorded", False) for effect in kept.after.effects)
+    if takes and ATTITUDE not in {signal.name for signal in declared.equations.inputs}:
+        what = "it has no theta, which the study's model takes as it is recorded"
+        raise RecordError(what, where=record.name, remedy="give a record with theta, or make the study without it")
+
+
+def _warnings(ready: Prepared) -> tuple[str, ...]:
+    return (*ready.doubts, *ready.look.set_aside)
+
+
+def figures_of(simulation: Simulation) -> Mapping[str, Mapping[str, float]]:
+    """rms error, fit in per cent, R squared and Theil's coefficient by channel; empty where the simulation left all measure."""
+    f = simulation.figures
+    if f is None:
+        return {}
+    return {
+        name: {"rms_error": error, "fit_percent": simulation.fit_percent(name), "r2": f.r2[name], "theil": f.theil[name]}
+        for name, error in f.rmse.items()
+    }
+
+
+# ---- The figure of a prediction
+
+
+def prediction_figures(found: PredictionResult) -> Iterator[Named]:
+    """The figure of a prediction: recorded and predicted, of a diagnosis with effects also as declared. Nothing where no simulation is finite."""
+    from scenarios.plots.signals import Response, figure_fit
+
+    if found.after.figures is None:
+        return
+    shown = [Response("predicted", dict(zip(found.channels, found.after.rows, strict=True)))]
+    if found.before is not None and found.kept.after.effects:
+        shown.insert(0, Response("as declared", dict(zip(found.channels, found.before.rows, strict=True))))
+    title = f"{found.record.name}: {found.kept.model}, {found.kept.made_by}\nnot fitted, only initial states and biases are its own"
+    data = SIMULATED_DATA if found.simulated else MEASURED_DATA
+    yield "prediction", partial(figure_fit, found.record, shown, None, title, {}, data)
+
+
+# ---- A prediction in lines for the terminal
+
+HEADINGS = ("", "channel", "rms error", "fit %", "R2", "Theil")
+TITLE = "free simulation: initial states and biases alone are of the record itself"
+
+
+def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
+    """What was predicted with which model, warnings, and the errors channel by channel."""
+    record, kept = found.record, found.kept
+    effects = [effect.name for effect in kept.after.effects]
+    told = f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s; {what_predicts(found)} ({found.study})"
+    lines = wrapped(told, width)
+    for warning in found.warnings:
+        lines += wrapped(f"warning: {warning}", width)
+    if kept.made_by == DIAGNOSE and effects and not kept.claimed:
+        lines += wrapped("the effects are hints: the study claimed none of them", width)
+    lines += table_lines(columns_of(HEADINGS, error_rows(found), left=2), title=TITLE, width=width, keys=2)
+    for note in found.notes:
+        lines += wrapped(f"note: {note}", width)
+    return "\n".join(lines) + "\n"
+
+
+def what_predicts(found: PredictionResult) -> str:
+    """The model, whose it is, and the effects in it."""
+    kept = found.kept
+    effects = [effect.name for effect in kept.after.effects]
+    return f"{kept.model} model of {found.vehicle}, from {kept.made_by}" + (f" with {' and '.join(effects)}" if effects else "")
+
+
+def error_rows(found: PredictionResult) -> list[tuple[str, ...]]:
+    """Cells below ``HEADINGS``: with the study's effects, and before that as declared where there are any."""
+    before = _rows(found, found.before, "as declared") if found.before is not None and found.kept.after.effects else []
+    return [*before, *_rows(found, found.after, "predicted")]
+
+
+def _rows(found: PredictionResult, simulation: Simulation, word: str) -> list[tuple[str, ...]]:
+    f = simulation.figures
+    if f is None:
+        return [(word, "-", "no finite simulation", "", "", "")]
+    rows: list[tuple[str, ...]] = []
+    for name, error in f.rmse.items():
+        value, _, unit = displayed(Quantity(error, 0.0, found.record[name].unit))
+        shown = f"{value:.3g} {unit}" if unit not in ("", "1") else f"{value:.3g}"
+        rows.append((word, name, shown, f"{simulation.fit_percent(name):.1f}", f"{f.r2[name]:.4f}", f"{f.theil[name]:.3f}"))
+    return rows
+
+
+# ---- The page of a prediction: how far a kept model is from a record that it has not seen
+
+
+def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Page:
+    """The page of a prediction with the figures ``drawn``."""
+    record, figures_after = found.record, found.after.figures
+    finite = figures_after is not None
+    worst = min(figures_after.nrmse, key=lambda name: found.after.fit_percent(name), default="") if figures_after is not None else ""
+    fits = f"worst of {len(found.channels)} channels: {worst}, {found.after.fit_percent(worst):.1f} % of it predicted" if worst else ""
+    kept = (("vehicle", found.kept.vehicle), ("model", found.kept.own_file), ("effects", found.kept.effects_file))
+    inputs = [("predicted", found.source.name, found.source.sha256), *((use, file.name, file.sha256) for use, file in kept if file is not None)]
+    return Page(
+        title=f"{record.name}: predicted",
+        kind=what_predicts(found),
+        verdict="" if finite else "no finite simulation",
+        tone="plain" if finite else "open",
+        sentence=as_sentence(fits) if fits else "",
+        summary=(),
+        warnings=tuple(map(as_sentence, found.warnings)),
+        sections=(
+            *section("Errors", rows_table(capital(TITLE), HEADINGS, error_rows(found))),
+            *section("Figures", *figures(drawn)),
+            *section("How it was made", Bullets(tuple(map(as_sentence, (_samples(found), *found.notes))))),
+        ),
+        reproduction=reproduction(["flightid", "predict", str(found.study), record.name], "", inputs),
+        created=now(),
+    )
+
+
+def _samples(found: PredictionResult) -> str:
+    record = found.record
+    return f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s"
+
+
+# ---- The folder of a prediction: time histories, a figure, and the JSON last
+
+MAIN = "prediction.json"
+SCHEMA = "flightid/prediction/1"
+DECLARED = "declared_"
+
+
+def write_prediction(found: PredictionResult, folder: str | Path, *, figures: Formats = USUAL) -> Path:
+    """Write ``prediction.csv``, the figure ``prediction``, and ``prediction.json`` last; returns the folder."""
+    with study_folder(folder, MAIN) as scratch:
+        (scratch / "prediction.csv").write_text(_table(found), encoding="utf-8", errors="backslashreplace", newline="\n")
+        drawn: tuple[Drawn, ...] = ()
+        if figures:
+            from scenarios.plots.drawing import drawn_for_page
+
+            drawn = drawn_for_page(prediction_figures(found), scratch, figures)
+        write_page(scratch, prediction_page(found, drawn))
+        write_json(scratch / MAIN, prediction_content(found))
+    return Path(folder)
+
+
+def prediction_content(found: PredictionResult) -> dict[str, Any]:
+    """Content of ``prediction.json``: errors in SI, nz in g; ``declared`` those of a diagnosis's model without the effects found."""
+    kept, record = found.kept, found.record
+    files = {"vehicle": kept.vehicle, "model": kept.own_file, "effects": kept.effects_file}
+    return {
+        "schema": SCHEMA,
+        "study": found.study.name,
+        "made_by": kept.made_by,
+        "model": kept.model,
+        "vehicle": found.vehicle,
+        "effects": [effect.name for effect in kept.after.effects],
+        "claimed": list(kept.claimed),
+        "record": {"name": record.name, "samples": len(record), "from": float(record.time[0]), "to": float(record.time[-1])},
+        "units": {name: record[name].unit for name in found.channels},
+        "finite": found.after.figures is not None,
+        "channels": figures_of(found.after),
+        **({"declared": figures_of(found.before)} if found.before is not None else {}),
+        "warnings": list(found.warnings),
+        "notes": list(found.notes),
+        "inputs": {
+            "record": found.source.name,
+            "record_sha256": found.source.sha256,
+            **{key: value for name, file in files.items() if file is not None for key, value in ((name, file.name), (f"{name}_sha256", file.sha256))},
+        },
+        "versions": versions(),
+    }
+
+
+def _table(found: PredictionResult) -> str:
+    """``time``, and of each channel ``NAME``, ``predicted_NAME`` and of a diagnosis ``declared_NAME``; a cell without a number is empty."""
+    columns = {"time": found.record.time.tolist()}
+    for i, name in enumerate(found.channels):
+        columns[name] = found.record[name].with_gaps().tolist()
+        columns[f"{PREDICTED}{name}"] = found.after.rows[i].tolist()
+        if found.before is not None:
+            columns[f"{DECLARED}{name}"] = found.before.rows[i].tolist()
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([repr(cell) if cell == cell else "" for cell in row] for row in zip(*columns.values(), strict=True))
+    return text.getvalue()

@@ -1,1 +1,0 @@
-"""The model of a study on another record."""

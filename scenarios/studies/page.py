@@ -1,0 +1,193 @@
+"""The page of a study, repeated flights included."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ident.estimate import Outcome
+from scenarios.pages.folder import figures
+from scenarios.pages.model import (
+    BY_ROW,
+    PURE,
+    Block,
+    Bullets,
+    Cell,
+    Column,
+    Number,
+    Page,
+    Prose,
+    Section,
+    Table,
+    as_sentence,
+    capital,
+    known,
+    now,
+    reproduction,
+    section,
+    summary_sentences,
+)
+from scenarios.pages.tables import SIGMAS, derived_table, estimates_table, fixed_table, levels_of_noise, printed_blocks, tests_table
+from scenarios.plots.formats import Drawn
+from scenarios.studies.comparison import choice_lines, engine_line, other_flight_line, vehicle_line
+from scenarios.studies.published import published_remark
+from scenarios.studies.rows import Row
+from scenarios.studies.study import MethodResult, Scatter, StudyResult, flexibility_sentences
+from scenarios.studies.text import print_determination, print_sweep, study_summary, with_display
+from scenarios.terminal.quantities import test_line
+from scenarios.terminal.summary import levels_line
+from sim.truth.flight import EXACT, TOLERANCE, Truth
+
+# ---- Repeated flights on a page
+
+
+def scattered_blocks(found: Sequence[Scatter]) -> list[Block]:
+    """Two tables, and what was left out of them."""
+    runs = sum(found[0].outcomes.values())
+    shares = Column("within two sigmas", "%"), Column("from (95 %)", "%"), Column("to", "%")
+    columns = (Column("flight"), Column("method"), Column("settled", PURE), *shares)
+    rows = tuple(_shares(each) for each in found)
+    labels = [f"{each.flight}: {each.estimation.label}" for each in found]
+    units = {name: unit for each in found for name, unit in zip(each.names, each.units, strict=True)}
+    in_units = tuple((name, *(_rms(each, name, sigmas=False) for each in found)) for name in units)
+    in_sigmas = tuple((name, *(_rms(each, name, sigmas=True) for each in found)) for name in units)
+    blocks: list[Block] = [
+        Table(f"{runs} runs of each flight: intervals that hold the truth", columns, rows),
+        Table("Root mean square error in reported sigmas", (Column("derivative"), *(Column(label, SIGMAS) for label in labels)), in_sigmas),
+        Table("Root mean square error", (Column("derivative"), *(Column(label, BY_ROW) for label in labels)), in_units, tuple(units.values())),
+    ]
+    for each in found:
+        others = ", ".join(f"{count} {code}" for code, count in sorted(each.outcomes.items()) if code != "converged")
+        blocks += [Prose(f"{each.flight}, {each.estimation.label}: {others} of {runs} left out.", "note")] if others else []
+    return blocks
+
+
+def _shares(each: Scatter) -> tuple[Cell, ...]:
+    share, (low, high) = each.within_two
+    shares = (Number(100.0 * value, digits=0) for value in (share, low, high))
+    return each.flight, each.estimation.label, Number(each.outcomes.get("converged", 0), digits=0), *shares
+
+
+def _rms(each: Scatter, name: str, *, sigmas: bool) -> Cell:
+    if name not in each.names:
+        return "–"
+    value = float((each.rms_sigmas if sigmas else each.rms)[each.names.index(name)])
+    return known(value, 2 if sigmas else None)
+
+
+# ---- The page of a study
+
+SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
+LIMIT = 2.0  # sigmas within which an estimate is said to hold the truth
+
+
+def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
+    """The page of a study with the figures ``drawn``."""
+    scenario, main = study.scenario, study.main
+    outcome = main.result.estimate.outcome
+    white = all(test.passed for test in main.tests)
+    tone = "open" if outcome not in SETTLED else "good" if white else "fair"
+    files = [("model", file.name, file.sha256) for file in scenario.files]
+    return Page(
+        title=capital(scenario.title),
+        kind=f"Study {scenario.name}, {main.estimation.label}",
+        verdict=outcome.value.partition(":")[0].partition(",")[0],
+        tone=tone,
+        sentence=capital(within_line(main.rows, "condensed" if scenario.condensed else "true")),
+        summary=summary_sentences(study_summary(study)),
+        warnings=tuple(as_sentence(line) for line in (main.result.estimate.message,) if line),
+        sections=(
+            *section("What was found", *_found(study, main)),
+            *section("Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])),
+            *section("Repeated flights", *(scattered_blocks(study.repeated) if study.repeated else ())),
+            *_determined(study),
+            *section("Structures from stiff to soft", *_swept(study)),
+            *section("Figures", *figures(drawn)),
+            *section("Residuals and noise", *_evidence(study)),
+            *section("How it was made", *_made(study)),
+        ),
+        reproduction=reproduction(("flightid", "run", scenario.name, "--seed", str(study.seed)), f"Seed {study.seed}.", files),
+        created=now(),
+    )
+
+
+def within_line(rows: Sequence[Row], reference: str) -> str:
+    """How many estimates lie within two of their sigmas of what they are held against; empty where nothing is known."""
+    known = [row.sigmas for row in rows if row.sigmas is not None and row.std > 0.0]
+    if not known:
+        return ""
+    inside = sum(abs(error) <= LIMIT for error in known)
+    worst = max(known, key=abs)
+    which = "the estimate lies" if len(known) == 1 else f"{inside} of {len(known)} estimates lie"
+    if len(known) == 1:
+        return f"{which} {abs(worst):.1f} of its sigmas from the {reference} value"
+    return f"{which} within two of their sigmas of the {reference} value; the farthest is {abs(worst):.1f} off"
+
+
+def _found(study: StudyResult, method: MethodResult) -> list[Block]:
+    scenario, estimation = study.scenario, method.estimation
+    estimate = method.result.estimate
+    flown = scenario.flown
+    remark = published_remark(estimation.published)
+    sentences = (
+        other_flight_line(scenario, estimation),
+        levels_line(method.levels, flown, method.tests) if flown is not None else "",
+        estimation.explanation,
+        f"published: {remark}" if remark else "",
+    )
+    blocks: list[Block] = [estimates_table(f"{capital(estimation.label)}: {estimate.outcome.value}", with_display(study, method.rows))]
+    blocks += [derived_table("What follows from them", method.derived)] if method.derived else []
+    return [*blocks, *(Prose(as_sentence(line)) for line in sentences if line)]
+
+
+def _method(study: StudyResult, method: MethodResult) -> Section:
+    choices = Bullets(tuple(choice_lines(method.estimation.choices)))
+    told = Prose(as_sentence(test_line(method.tests))) if method.tests else None
+    return section(capital(method.estimation.label), *_found(study, method), told, choices)[0]
+
+
+def _determined(study: StudyResult) -> tuple[Section, ...]:
+    found = [method.determination for method in study.methods if method.determination is not None]
+    return section("What the record determines", *printed_blocks(lambda out: print_determination(found, out))) if found else ()
+
+
+def _swept(study: StudyResult) -> list[Block]:
+    sweep = study.sweep
+    return [] if sweep is None else printed_blocks(lambda out: print_sweep(sweep, out))
+
+
+def _evidence(study: StudyResult) -> list[Block]:
+    blocks: list[Block] = []
+    for method in study.methods:
+        estimate, record = method.result.estimate, method.result.record
+        label = f" ({method.estimation.label})" if len(study.methods) > 1 else ""
+        units = {channel.name: channel.unit for channel in record.outputs}
+        noise = {name: (float(std), units.get(name, "1")) for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)}
+        blocks += [tests_table(f"Residual tests{label}", method.tests)] if method.tests else []
+        blocks += [levels_of_noise(f"Noise that the estimator took or found{label}", noise)]
+    return blocks
+
+
+def _integrated(truth: Truth) -> str:
+    if truth.step is not None:
+        return f"flown with steps of {truth.step:g} s"
+    if truth.method == EXACT:
+        return "flown without steps: its equations are linear, and the motion is exact"
+    return f"flown by {truth.method} to a tolerance of {TOLERANCE:g} of the motion"
+
+
+def _made(study: StudyResult) -> list[Block]:
+    scenario, record = study.scenario, study.record
+    vehicle = vehicle_line(scenario.flight)
+    blocks: list[Block] = [Prose(as_sentence(scenario.about))] if scenario.about else []
+    told = f"Truth and model: {scenario.distance}. {len(record)} samples in {record.time[-1]:g} s"
+    blocks += [Prose(f"{told}, {_integrated(study.truth)}.")]
+    if line := engine_line([method.estimation for method in study.methods]):
+        blocks += [Prose(as_sentence(line))]
+    if study.flexibility is not None:
+        blocks += [Prose(as_sentence(line)) for line in flexibility_sentences(study.flexibility, scenario.flight.noise_std)]
+    blocks += [Prose(as_sentence(note)) for note in study.notes]
+    choices = choice_lines(scenario.choices)
+    blocks += [Prose("Chosen by this project; no source prints it, or it prints another:"), Bullets(tuple(choices))] if choices else []
+    blocks += [Prose(as_sentence(vehicle))] if vehicle else []
+    blocks += [fixed_table("What was held", study.main.fixed)] if study.main.fixed else []
+    return blocks

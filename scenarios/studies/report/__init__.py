@@ -1,1 +1,0 @@
-"""The pages of a study and of a campaign."""

@@ -1,1 +1,0 @@
-"""Runs of a scenario as tasks: the same flight with a seed a run, estimated by one method."""

@@ -1,1 +1,0 @@
-"""Scenario files: their schema, their numbers, and the way to a Scenario."""

@@ -1,1 +1,0 @@
-"""The same flight with structures from stiff to soft."""

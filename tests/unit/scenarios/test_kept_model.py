@@ -1,0 +1,43 @@
+"""A model that is kept in a study folder, which may come from somebody else."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from scenarios.kept import NAME, SCHEMA, KeptFile, read_kept
+from scenarios.prediction import _vehicle
+from sim.errors import DeclarationError
+
+VEHICLE = "mass = 10.0"
+CONTENT = {"schema": SCHEMA, "made_by": "identify", "model": "ballistic", "vehicle_text": VEHICLE, "files": {}}
+
+
+def kept(folder: Path, **changed: object) -> KeptFile:
+    (folder / NAME).write_text(json.dumps({**CONTENT, **changed}))
+    return read_kept(folder)
+
+
+@pytest.mark.parametrize("changed", [{"files": []}, {"files": {"vehicle": {"name": 3, "sha256": ""}}}, {"vehicle_text": None}, {"model": 5}])
+def test_a_spoilt_model_is_one_line(tmp_path: Path, changed: dict[str, object]) -> None:
+    with pytest.raises(DeclarationError, match="no model that can be read here"):
+        kept(tmp_path, **changed)
+
+
+def test_a_model_that_lacks_its_parameters_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(DeclarationError, match="no model that can be read here"):
+        kept(tmp_path).model()
+
+
+@pytest.mark.parametrize("name", ["../outside.toml", "/outside.toml", "..", ".", "folder/outside.toml"])
+def test_the_vehicle_of_a_foreign_study_is_written_nowhere_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(scratch))
+    given = name.replace("/outside", f"{tmp_path}/outside", 1) if name.startswith("/") else name
+    file = kept(tmp_path, files={"vehicle": {"name": given, "sha256": ""}}, vehicle_text="nothing = [")
+    with pytest.raises(DeclarationError, match="TOML"):
+        _vehicle(file, None)
+    assert {path.name for path in tmp_path.rglob("*")} == {"scratch", NAME}
