@@ -16,7 +16,7 @@ import numpy as np
 from scipy import signal
 
 from ident.frequency_response import Signals, Spectra, estimate_responses
-from ident.frequency_response.choices import decimated, frequencies, window_lengths
+from ident.frequency_response.estimate import decimated, frequencies, window_lengths
 
 RATE, DURATION = 400.0, 600.0
 REPEATS = 3

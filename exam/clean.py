@@ -18,9 +18,8 @@ from exam.scoring import share_of_flights, share_within_flights
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.preparation.plan import Request
 from scenarios.studies.campaign_statistics import cramer_rao
-from scenarios.trials.planted.declaration import TraceFlight
+from scenarios.trials.planted.declaration import TraceFlight, true_vehicle
 from scenarios.trials.planted.flights import flown_plan, fly_trace, write_flown
-from scenarios.trials.planted.hiding import true_vehicle
 from scenarios.trials.planted.schema import trace_scenario_of
 from sim.declaration.model import Model, Noise
 from sim.record import Record

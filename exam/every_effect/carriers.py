@@ -13,9 +13,8 @@ from exam.random_cases.case import Setting
 from exam.random_cases.vehicles import CONTROL, RATES, as_sampled, drawn_flights, drawn_vehicle, vehicle_file
 from exam.random_cases.vehicles import NOISE as OF_PAPERS
 from scenarios.studies.estimating import maneuvers_by_input, resting
-from scenarios.trials.planted.declaration import RecordPlan, TraceScenario
+from scenarios.trials.planted.declaration import RecordPlan, TraceScenario, true_vehicle
 from scenarios.trials.planted.flights import started_file
-from scenarios.trials.planted.hiding import true_vehicle
 from scenarios.trials.planted.schema import trace_scenario_of
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Equations, Model, Noise

@@ -11,7 +11,7 @@ from exam.random_cases.case import CaseScore
 from exam.random_cases.kinds import KINDS
 from ident.statistics.intervals import clopper_pearson, clustered_share
 from scenarios.terminal.tables import columns_of, table_lines
-from scenarios.trials.planted.hiding import OWN
+from scenarios.trials.planted.declaration import OWN
 
 TWO_SIGMAS = 2.0
 HEADINGS = ("cases", "of", "right, %", "95 % interval", "wrong, %", "95 % interval", "within 2 sigmas, %", "95 % interval")

@@ -24,8 +24,7 @@ from scenarios.files.channels import read_channel_map
 from scenarios.plots.formats import formats_wanted
 from scenarios.preparation.maneuver_file import Parts
 from scenarios.responses import analysis
-from scenarios.responses.fitting import FitOptions
-from scenarios.responses.qualities import LevelOptions
+from scenarios.responses.fitting import FitOptions, LevelOptions
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError
 
@@ -257,7 +256,7 @@ def find_maneuvers(
 class FrequencyResponse:
     """Frequency responses of m outputs to q inputs. ``details``: everything the library knows."""
 
-    details: analysis.Responses
+    details: analysis.ResponseEstimates
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -301,7 +300,7 @@ class FrequencyResponse:
 
     def summary(self) -> str:
         """What the command prints."""
-        from scenarios.responses.text import print_responses
+        from scenarios.responses.report import print_responses
         from scenarios.terminal.quantities import as_text
 
         return as_text(lambda out: print_responses(self.details, out, KEPT))
@@ -313,7 +312,7 @@ class FrequencyResponse:
         """
         import pandas
 
-        from scenarios.responses.files import response_columns
+        from scenarios.responses.report import response_columns
 
         row = _place(output, self.outputs, "output")
         column = _place(input, self.inputs, "input")
@@ -375,13 +374,13 @@ class FrequencyResponse:
 
     def to_dict(self) -> dict[str, Any]:
         """Content of ``responses.json``."""
-        from scenarios.responses.files import responses_content
+        from scenarios.responses.report import responses_content
 
         return responses_content(self.details)
 
     def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write JSON, CSV, figures and page as the command does with ``--out``; returns the folder."""
-        from scenarios.responses.files import write_responses
+        from scenarios.responses.report import write_responses
 
         return write_responses(self.details, Path(folder), figures=formats_wanted(figures))
 
@@ -400,7 +399,7 @@ class FrequencyResponse:
         return f"<FrequencyResponse {some:.200}: {self.frequency.size} frequencies>"
 
     def _repr_html_(self) -> str:
-        from scenarios.responses.text import band_sentence
+        from scenarios.responses.report import band_sentence
 
         rows = [[name, band_sentence(self.details, row, column)] for row, column, name in analysis.pairs(self.details)]
         title = f"frequency responses of {', '.join(self.details.parts[:3])}"
@@ -465,7 +464,7 @@ def frequency_response(
     request = with_parts(request_of(records, channels=channels, plan=plan), maneuver, maneuvers)
     names = Names(_names(input), _names(output), _names(reference))
     given = None if band is None else (float(band[0]), float(band[1]))
-    options = analysis.Options(given, _lengths(window), tapers, coherence)
+    options = analysis.ResponseOptions(given, _lengths(window), tapers, coherence)
     forms = tuple(f"{k}={v}" for k, v in fit.items()) if isinstance(fit, Mapping) else _names(fit)
     held = tuple(f"{name}={float(value)!r}" for name, value in (fix or {}).items())
     wanted = FitOptions(forms, held, shared_poles)

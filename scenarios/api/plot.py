@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from scenarios.diagnosis.tracing import Tracing
     from scenarios.identification.identify import Identified
     from scenarios.maneuvers import FoundManeuvers
-    from scenarios.responses.analysis import Responses
+    from scenarios.responses.analysis import ResponseEstimates
     from sim import record as sim_record
 
 
@@ -61,7 +61,7 @@ class Responding(Protocol):
     """Frequency responses of records."""
 
     @property
-    def details(self) -> Responses: ...
+    def details(self) -> ResponseEstimates: ...
 
 
 def maneuvers(found: Found) -> Figure:

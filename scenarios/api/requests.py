@@ -83,10 +83,9 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
 
 
 def _trace(name: str, changes: Sequence[str]) -> Runner:
-    from scenarios.trials.planted.files import write_trace
+    from scenarios.trials.planted.report import trace_text, write_trace
     from scenarios.trials.planted.schema import trace_scenario_of
     from scenarios.trials.planted.study import run_trace
-    from scenarios.trials.planted.text import trace_text
 
     run = partial(run_trace, trace_scenario_of(*load_document(name, changes)))
     return Runner(run, write_trace, _printed(trace_text), partial(trace_text, details=KEPT), counted=False)

@@ -23,8 +23,8 @@ from scenarios.files.declarations import named_after
 from scenarios.files.user_models import is_own
 from scenarios.identification.state_space import linearised
 from scenarios.maneuver_design import design as designing
-from scenarios.maneuver_design.asked import TYPICAL, Asked
-from scenarios.maneuver_design.text import comparison, design_text, peaks_of, verdict_of
+from scenarios.maneuver_design.report import comparison, design_text, peaks_of, verdict_of
+from scenarios.maneuver_design.setting import TYPICAL, DesignRequest
 from scenarios.plots.formats import formats_wanted
 from scenarios.studies import campaign as campaigns
 from scenarios.studies.campaign import Rebuilt
@@ -412,7 +412,7 @@ def _cell(value: Any) -> str:
 class Design:
     """Maneuvers compared before they are flown, the best first. ``details``: everything that the library knows of it."""
 
-    details: designing.Design
+    details: designing.DesignResult
 
     @property
     def best(self) -> str:
@@ -436,7 +436,7 @@ class Design:
 
     def maneuver(self, kind: str | None = None) -> Record:
         """The input to be flown, of the best kind or another: a record without outputs, SI, held between samples."""
-        from scenarios.maneuver_design.files import input_of
+        from scenarios.maneuver_design.report import input_of
 
         chosen = next((each for each in self.details.maneuvers if each.kind == kind), self.details.best)
         return record_of(input_of(chosen))
@@ -477,7 +477,7 @@ class Design:
 
     def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the design as the command does with ``--out``; returns the folder."""
-        from scenarios.maneuver_design.files import write_design
+        from scenarios.maneuver_design.report import write_design
 
         return write_design(self.details, Path(folder), figures=formats_wanted(figures))
 
@@ -527,7 +527,9 @@ def design(
     source = source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else None
     text = size if isinstance(size, str) else ",".join(_texts(size))
     names = (tell,) if isinstance(tell, str) else tuple(tell)
-    return Design(designing.design(Asked(asked, source, given, names, text, _texts(value), _texts(noise), _texts(amplitude), duration, rate, band)))
+    return Design(
+        designing.design(DesignRequest(asked, source, given, names, text, _texts(value), _texts(noise), _texts(amplitude), duration, rate, band))
+    )
 
 
 def _texts(some: Mapping[str, Any] | None) -> tuple[str, ...]:

@@ -200,10 +200,10 @@ def design(
     """Before flying: which maneuver determines the derivatives best, or tells effects apart."""
     from scenarios.cli.options import telling
     from scenarios.commands.studies import design_maneuver
-    from scenarios.maneuver_design.asked import Asked
+    from scenarios.maneuver_design.setting import DesignRequest
 
     names = tuple(name.strip() for name in tell.split(",") if name.strip())
-    asked = Asked(model, vehicle, limits, names, size, tuple(values or ()), tuple(noise or ()), tuple(amplitude or ()), duration, rate, band)
+    asked = DesignRequest(model, vehicle, limits, names, size, tuple(values or ()), tuple(noise or ()), tuple(amplitude or ()), duration, rate, band)
     with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["design.json"]) as told:
         design_maneuver(asked, told.out, told.figures, progress=told.progress)
 

@@ -15,12 +15,10 @@ from scenarios.plots.formats import Formats
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
 from scenarios.preparation.drafting import Draft, drafted, map_text, vehicle_text
 from scenarios.preparation.plan import Plan, Request, plan_of
-from scenarios.responses.analysis import Options as ResponseOptions
-from scenarios.responses.analysis import responses_of
-from scenarios.responses.fitting import FitOptions
-from scenarios.responses.qualities import LevelOptions
+from scenarios.responses.analysis import ResponseOptions, responses_of
+from scenarios.responses.fitting import FitOptions, LevelOptions
 from scenarios.responses.reading import Names
-from scenarios.responses.text import print_responses
+from scenarios.responses.report import print_responses
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.quantities import shown_in, unit_cell
 from scenarios.terminal.summary import details_in, written_to
@@ -166,7 +164,7 @@ def respond(
     """
     found = responses_of(request, Names(*names), ResponseOptions(*options), FitOptions(*fit), bandwidth, margins, LevelOptions(*levels))
     if out is not None:
-        from scenarios.responses.files import write_responses
+        from scenarios.responses.report import write_responses
 
         write_responses(found, out, figures=figures)
     print_responses(found, details=details_in(out))

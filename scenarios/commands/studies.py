@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from scenarios.api.requests import LOADERS, Progress, Runner, flown_record
 from scenarios.files.declarations import named_after
-from scenarios.maneuver_design.asked import Asked
+from scenarios.maneuver_design.setting import DesignRequest
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.studies.campaign import CampaignRuns, Rebuilt, fly_campaign
 from scenarios.studies.campaign import Progress as CampaignProgress
@@ -56,8 +56,7 @@ def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[st
     """Write the record, a vehicle file for each model that it serves, and the truth in a file of its own; the files."""
     from scenarios.files.writing import files_together
     from scenarios.studies.catalogue import load_document, scenario_file
-    from scenarios.trials.jsbsim.files import write_jsbsim
-    from scenarios.trials.jsbsim.flight import fly_jsbsim
+    from scenarios.trials.jsbsim.flight import fly_jsbsim, write_jsbsim
     from scenarios.trials.jsbsim.schema import jsbsim_of
 
     flight = jsbsim_of(*load_document(name, changes))
@@ -338,16 +337,16 @@ def _judged(campaign: CampaignRuns, levels: bool, tell: CampaignProgress) -> tup
 # ---- flightid design: which maneuver to fly, printed and written
 
 
-def design_maneuver(asked: Asked, out: Path | None, figures: Formats, *, progress: bool = True) -> None:
+def design_maneuver(asked: DesignRequest, out: Path | None, figures: Formats, *, progress: bool = True) -> None:
     """Design, write, print; ``progress`` False: nothing is shown of how far it is."""
     from scenarios.maneuver_design.design import design
-    from scenarios.maneuver_design.text import design_text
+    from scenarios.maneuver_design.report import design_text
     from scenarios.terminal.tables import terminal_width
 
     with progress_bar(progress) as tell:
         found = design(asked, tell)
         if out is not None:
-            from scenarios.maneuver_design.files import write_design
+            from scenarios.maneuver_design.report import write_design
 
             write_design(found, out, figures=figures)
     print(design_text(found, terminal_width(), details_in(out)), end="")

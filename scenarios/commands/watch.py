@@ -14,19 +14,14 @@ import numpy as np
 from ident.frequency_domain.online import HIGH, LOW, SPACING, frequencies
 from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_model
 from scenarios.identification.low_order import PAPER_START
-from scenarios.watching.estimates import so_far
-from scenarios.watching.history import History
-from scenarios.watching.lines import Lines, Read, growing_file, lines_of, standard_input
-from scenarios.watching.reference import read_reference
-from scenarios.watching.rows import Fault, at_end
-from scenarios.watching.session import Session, Step, record_of, start, take
+from scenarios.watching.reference import read_reference, standings
+from scenarios.watching.rows import Fault, Lines, Read, at_end, growing_file, lines_of, standard_input
+from scenarios.watching.session import STOPPED, Session, Step, Watch, pieces, record_of, report, rows_in, session_of, start, take
 from scenarios.watching.show import display, print_end
 from scenarios.watching.spectral import Point, SpectralSession, regress, signals_of, spectral_session
 from scenarios.watching.spectral import record_of as record_of_stream
 from scenarios.watching.spectral import take as take_rows
-from scenarios.watching.stream import STOPPED, Watch, pieces, report, rows_in, session_of
-from scenarios.watching.study import Outcome, refuse_overwriting, write_watch
-from scenarios.watching.table import standings
+from scenarios.watching.study import History, Outcome, refuse_overwriting, so_far, write_watch
 from sim.errors import DeclarationError, FlightidError, RecordError
 from sim.record import Hold
 

@@ -10,8 +10,8 @@ from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from scenarios.files.sources import Source
 from scenarios.files.user_models import OwnModel
 from scenarios.files.vehicles import VehicleFile
-from scenarios.maneuver_design.asked import Asked
-from scenarios.maneuver_design.design import Design, design
+from scenarios.maneuver_design.design import DesignResult, design
+from scenarios.maneuver_design.setting import DesignRequest
 from scenarios.preparation.plan import Request
 from sim.declaration.model import Model
 from sim.declaration.proposal import Curve, Traceable
@@ -23,7 +23,7 @@ DIGITS = 4  # of every number that is asked: what is printed is what was designe
 SHORTEST, LONGEST = 10.0, 20.0  # s of a flight: with less there is no room, with more a design could take longer than the diagnosis
 
 
-def deciding_maneuver(d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, records: Sequence[Record]) -> Design | None:
+def deciding_maneuver(d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, records: Sequence[Record]) -> DesignResult | None:
     """The design for an ambiguous diagnosis; None for any other, and where nothing can be designed for these effects.
 
     Peak deflections, sampling and noise are those of the records, derivatives and sizes those that were found.
@@ -37,7 +37,7 @@ def deciding_maneuver(d: Diagnosis, request: Request, vehicle: VehicleFile, mode
         return None  # as a law of the user's own, or a model without an input
 
 
-def _asked(d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, records: Sequence[Record]) -> Asked | None:
+def _asked(d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, records: Sequence[Record]) -> DesignRequest | None:
     doubtful = [claim for claim in d.effects if claim.claimed and claim.alternatives]
     known = {effect.name: effect for effect in effects_for(model.equations) if isinstance(effect, Traceable)}
     if not doubtful or not model.equations.inputs:
@@ -54,7 +54,7 @@ def _asked(d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, r
     noise = [_text(name, std) for name, std in d.residual_std.items() if std > 0.0]
     interval = float(np.median(np.diff(records[0].time)))
     span = min(LONGEST, max(SHORTEST, float(max(record.time[-1] - record.time[0] for record in records))))
-    return Asked(
+    return DesignRequest(
         model=request.model,
         vehicle=_source(request, vehicle),
         tell=names,

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ident.tracing.settings import TraceSettings
     from scenarios.diagnosis.kinematics import Kinematics
     from scenarios.files.sources import InputFile
-    from scenarios.maneuver_design.design import Design
+    from scenarios.maneuver_design.design import DesignResult
 
 
 def diagnose_files(
@@ -98,7 +98,7 @@ class _Study:
         beside = vehicle_beside(self.request.records[0]) if self.request.vehicle is None else None
         return read_beside([*self.opened.records, *self.opened.validation], beside)
 
-    def told(self, posed: Posed, diagnosis: Diagnosis, kinematics: Kinematics | None = None, decides: Design | None = None) -> Tracing:
+    def told(self, posed: Posed, diagnosis: Diagnosis, kinematics: Kinematics | None = None, decides: DesignResult | None = None) -> Tracing:
         """The result with what went in."""
         opened = self.opened
         diagnosis = replace(diagnosis, predictions=_whole(diagnosis.predictions, posed.parted))
@@ -142,7 +142,7 @@ def _whole(predictions: Sequence[Prediction], parted: Sequence[Parted]) -> tuple
     return tuple(out)
 
 
-def _decides(diagnosis: Diagnosis, request: Request, opened: Opened, posed: Posed) -> Design | None:
+def _decides(diagnosis: Diagnosis, request: Request, opened: Opened, posed: Posed) -> DesignResult | None:
     """The maneuver that would decide; only an ambiguous verdict costs its time."""
     if diagnosis.verdict is not Verdict.AMBIGUOUS:
         return None

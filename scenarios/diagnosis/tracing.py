@@ -19,7 +19,7 @@ from sim.declaration.proposal import Traits
 from sim.record import Record
 
 if TYPE_CHECKING:
-    from scenarios.maneuver_design.design import Design
+    from scenarios.maneuver_design.design import DesignResult
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Tracing:
     flown: Flown = field(default_factory=Flown)
     plan: Plan = field(default_factory=Plan)
     simulated: bool = False
-    decides: Design | None = None
+    decides: DesignResult | None = None
 
     def __repr__(self) -> str:
         return f"<Tracing: {self.vehicle.model} model of {self.vehicle.name}: {self.diagnosis!r}>"

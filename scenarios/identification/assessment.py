@@ -151,7 +151,7 @@ def profiled(
     n = [estimate.names.index(name) for name in estimate.names if name in known]
     covariance = estimate.covariance[:, n][n]
     if estimate.method == "frequency-domain":
-        from ident.frequency_domain import profiled as frequency
+        from ident.frequency_domain import output_error as frequency
         from ident.frequency_domain.output_error import FrequencySettings, frequency_fit
 
         # Priors stay where the file's starts are: only a fit without them may begin elsewhere.

@@ -12,14 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.frequency_response import LEAST_COHERENCE, Signals, Spectra, estimate_responses
-from ident.frequency_response.choices import (
-    decimated,
-    frequencies,
-    lowest_frequency,
-    window_lengths,
-)
+from ident.frequency_response.estimate import decimated, frequencies, lowest_frequency, window_lengths
 from scenarios.maneuver_design.setting import Setting
-from scenarios.maneuver_design.within_limits import Flight
+from scenarios.maneuver_design.within_limits import LimitedManeuver
 
 DRAWS = 8  # of the noise
 NEED = 0.5  # random error from which a response says nothing
@@ -54,7 +49,7 @@ class Predicted:
         return float(np.exp(np.mean(np.log(np.minimum(self.random_error, NEED)))))
 
 
-def predicted_responses(setting: Setting, flight: Flight) -> Predicted:
+def predicted_responses(setting: Setting, flight: LimitedManeuver) -> Predicted:
     """The responses that a flight of a maneuver over the setting's band would give."""
     assert setting.room.band is not None
     low, high = (omega / (2.0 * math.pi) for omega in setting.room.band)

@@ -1,31 +1,322 @@
-"""From what is asked to what flies: the model in trim, what measures it, sample times, limits."""
+"""Setting of a design: request, kinds of maneuvers, limits, and the model in trim."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ident.maneuver_design.planned_flight import Planned
+from ident.maneuver_design import Planned
 from ident.whole_record.layout import FitSettings
-from scenarios.files.declarations import closest
+from scenarios.files.declarations import closest, read_toml
 from scenarios.files.formats.cells import plain_number
 from scenarios.files.schemas import number_in
-from scenarios.files.user_models import channel_units, inputs_at_rest, is_own, unit_in
+from scenarios.files.sources import Source
+from scenarios.files.user_models import OwnModel, channel_units, inputs_at_rest, is_own, unit_in
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.identification.model_checks import PULSE, doublet_motion
-from scenarios.maneuver_design.asked import Asked
-from scenarios.maneuver_design.kinds import Room
-from scenarios.maneuver_design.limits import Limits, limits_of, usual_limits
 from scenarios.preparation.declared_model import model_of_file, outputs_with_bias, root_sizes, step_for
+from scenarios.preparation.measured_inputs import of_totals
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
-from sim.maths import complex_step_jacobian
+from sim.maneuvers import Maneuver, MultiStep, Spacing, Sweep, doublet, least_peak_multisine, three_two_one_one
+from sim.maths import G0, complex_step_jacobian
 from sim.record import Channel, Hold, Record
+
+# ---- What a design is asked, in the words of its command line, which do it again
+
+TYPICAL, JUST_FOUND = "typical", "found"
+
+
+@dataclass(frozen=True, eq=False)
+class DesignRequest:
+    """What is asked. Texts are as they are typed, ``NAME=VALUE``, values with a unit where they have another than SI.
+
+    Attributes
+    ----------
+    model, vehicle : as of ``identify``. limits : a TOML file, or its content.
+    tell : names of effects to be told apart, the first against each other one.
+    size : ``typical``, ``found`` (just found in the reference maneuver), or ``KEY=VALUE,...`` of the first effect's own parameters.
+    values : derivatives that are better known than from the vehicle file. noise, amplitude : by output, by input.
+    duration, rate : s and samples a second; None: as the model's roots, or the band, ask for.
+    band : Hz; sweeps and multisines over it, compared by the frequency responses that they give.
+    """
+
+    model: str | OwnModel
+    vehicle: Path | Source | None = None
+    limits: Path | Mapping[str, Any] | None = None
+    tell: tuple[str, ...] = ()
+    size: str = TYPICAL
+    values: tuple[str, ...] = ()
+    noise: tuple[str, ...] = ()
+    amplitude: tuple[str, ...] = ()
+    duration: float | None = None
+    rate: float | None = None
+    band: tuple[float, float] | None = None
+    command_names: Mapping[str, str] = field(default_factory=dict)
+
+    def command(self) -> str:
+        """What is typed for it."""
+        words = ["flightid", "design", "--model", self.command_names.get("model", str(self.model))]
+        vehicle = self.command_names.get("vehicle", str(self.vehicle) if isinstance(self.vehicle, Path) else "")
+        words += ["--vehicle", vehicle] if vehicle else []
+        words += ["--limits", str(self.limits)] if isinstance(self.limits, Path) else []
+        words += ["--tell", ",".join(self.tell)] if self.tell else []
+        words += ["--size", self.size] if self.tell and self.size != TYPICAL else []
+        for option, texts in (("--value", self.values), ("--noise", self.noise), ("--amplitude", self.amplitude)):
+            words += [option, ",".join(texts)] if texts else []
+        words += ["--duration", f"{self.duration:g}"] if self.duration is not None else []
+        words += ["--rate", f"{self.rate:g}"] if self.rate is not None else []
+        words += ["--band", *(f"{each:g}" for each in self.band)] if self.band is not None else []
+        return shlex.join(words)
+
+
+# ---- Maneuvers of equal peak amplitude and equal length
+
+TAPER = 0.05  # of a sweep's length
+SLOWEST = 0.3  # of the roots' frequency, where a sweep begins if its length allows
+MOST_HARMONICS = 60  # of all inputs together
+
+
+@dataclass(frozen=True)
+class Room:
+    """Where maneuvers have room: sample times ``(N,)`` in s, a ``pulse`` (s) that the roots ask for, and the number of inputs.
+
+    The first and last two pulses are rest: the trim shows, and the motion dies out.
+    ``corners`` : rad/s of each input, above which a sine of full amplitude is faster than the limit
+    of its rate: limit over amplitude; empty where no rate is limited. ``band`` : rad/s, of sweeps and
+    multisines; None follows the pace.
+    """
+
+    time: np.ndarray
+    pulse: float
+    inputs: int
+    corners: tuple[float, ...] = ()
+    band: tuple[float, float] | None = None
+
+    def corner(self, one: int) -> float:
+        """The corner of an input, rad/s; infinite where its rate is not limited."""
+        return self.corners[one] if self.corners else math.inf
+
+    def slow_enough(self, one: int, row: np.ndarray) -> np.ndarray:
+        """A row of peak one, scaled down where its fastest change exceeds the limit of the rate."""
+        row = row / np.max(np.abs(row))
+        fastest = float(np.max(np.abs(np.diff(row)))) / self.interval
+        return np.asarray(row * min(1.0, self.corner(one) / max(fastest, 1e-300)))
+
+    @property
+    def interval(self) -> float:
+        return float(self.time[1] - self.time[0])
+
+    @property
+    def lead(self) -> float:
+        return max(1.0, round(2.0 * self.pulse / self.interval)) * self.interval
+
+    @property
+    def active(self) -> float:
+        """Time between the rests, s."""
+        return float(self.time[-1]) - 2.0 * self.lead
+
+
+Shapes = np.ndarray | None  # (inputs, N) of largest magnitude one; None where the pace leaves no room
+
+
+def steps_in_turn(room: Room, pace: float, single: Callable[[float, float, float], Maneuver], units: float) -> Shapes:
+    """A maneuver of ``units`` paces on one input after the other, each round with the other sign, while there is time."""
+    length, gap = units * pace, max(2.0 * room.pulse, pace)
+    out = np.zeros((room.inputs, len(room.time)))
+    at, count = room.lead, 0
+    while at + length <= room.lead + room.active + 1e-9:
+        sign = (-1.0) ** (count // room.inputs)
+        begin = round(at / room.interval) * room.interval
+        out[count % room.inputs] += np.asarray(single(sign, pace, begin)(room.time))
+        at, count = begin + length + gap, count + 1
+    return out if count >= room.inputs else None
+
+
+def sweeps(room: Room, pace: float) -> Shapes:
+    """A logarithmic sweep on one input after the other, up to half a period of ``pace``.
+
+    Where it would be faster than the limit of the rate, its amplitude falls with the frequency.
+    """
+    each = room.active / room.inputs
+    low, high = max(2.0 * math.pi / each, SLOWEST * 1.5 / room.pulse), math.pi / pace
+    low, high = room.band or (low, high)
+    if high < 1.5 * low:
+        return None
+    rows = []
+    for i in range(room.inputs):
+        begin = room.lead + i * each
+        row = Sweep(1.0, low, high, each, begin, TAPER * each, Spacing.LOGARITHMIC)(room.time)
+        at = np.clip((room.time - begin) / each, 0.0, 1.0)
+        rows.append(room.slow_enough(i, row * np.minimum(1.0, room.corner(i) / (low * (high / low) ** at))))
+    return np.array(rows)
+
+
+def multisines(room: Room, pace: float) -> Shapes:
+    """Orthogonal multisines on all inputs at once, harmonics dealt out in turn up to half a period of ``pace``, phases of least peak.
+
+    Harmonics that would be faster than the limit of the rate are smaller, so that nothing is cut off
+    and the inputs stay orthogonal.
+    """
+    samples = math.floor(room.active / room.interval + 1e-9)
+    period = samples * room.interval
+    lowest, highest = 1, min(math.floor(period / (2.0 * pace)), MOST_HARMONICS)
+    if room.band is not None:
+        lowest, highest = (round(omega * period / (2.0 * math.pi)) for omega in room.band)
+        lowest = max(lowest, 1)
+    if highest - lowest + 1 < 2 * room.inputs:
+        return None
+    begin = round(room.lead / room.interval) * room.interval
+    rows = []
+    for i in range(room.inputs):
+        own = range(lowest + i, highest + 1, room.inputs)
+        shares = [min(1.0, room.corner(i) * period / (2.0 * math.pi * harmonic)) for harmonic in own]
+        equal = min(shares) == max(shares)
+        row = least_peak_multisine(1.0, period, own, begin, shares=None if equal else shares)(room.time)
+        rows.append(room.slow_enough(i, row))
+    return np.array(rows)
+
+
+KINDS: Mapping[str, Callable[[Room, float], Shapes]] = {
+    "3-2-1-1": lambda room, pace: steps_in_turn(room, pace, three_two_one_one, 7.0),
+    "doublet": lambda room, pace: steps_in_turn(room, pace, doublet, 2.0),
+    "sweep": sweeps,
+    "multisine": multisines,
+}
+OVER_A_BAND = ("sweep", "multisine")  # kinds that take a band
+PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": "up to"}
+
+
+def no_faster(rows: np.ndarray, rate: np.ndarray, interval: float) -> np.ndarray:
+    """Samples ``(inputs, N)`` that follow ``rows`` and change by no more than ``rate (inputs,)`` in a second."""
+    out = rows.copy()
+    if not np.any(np.isfinite(rate)):
+        return out
+    most = rate * interval
+    for k in range(1, rows.shape[1]):
+        out[:, k] = out[:, k - 1] + np.clip(rows[:, k] - out[:, k - 1], -most, most)
+    return out
+
+
+def as_held(record: Record) -> dict[str, MultiStep]:
+    """The inputs of a record as maneuvers that hold each sample until the next, for a truth to fly."""
+    interval = float(record.time[-1] - record.time[-2])
+    times = (*record.time.tolist(), float(record.time[-1] + interval))
+    return {channel.name: MultiStep(tuple(channel.values.tolist()), times) for channel in record.inputs}
+
+
+# ---- What a maneuver must not exceed
+
+DEGREE = np.pi / 180.0
+# Chosen: gentle flying that perturbations about trim still describe; load factors are totals, 1 in level flight.
+USUAL: Mapping[str, tuple[float, float]] = {
+    "nz": (0.0, 2.0),
+    "ny": (-0.5, 0.5),
+    **{name: (-size * DEGREE, size * DEGREE) for name, size in {"q": 25.0, "beta": 10.0, "p": 60.0, "r": 20.0, "phi": 60.0}.items()},
+}
+ANGLE_OF_ATTACK, PITCH, SPEED = 8.0 * DEGREE, 20.0 * DEGREE, 0.1  # either side of the trim; of the airspeed a share
+DEFLECTION = 5.0 * DEGREE
+THRUST = 0.05  # of the weight
+
+
+@dataclass(frozen=True)
+class Limits:
+    """``outputs`` : lowest and highest reading, SI and total load factors; ``amplitude`` : largest deflection from rest by input; ``rate`` : its
+    fastest change, unit/s, by input where it is limited."""
+
+    outputs: Mapping[str, tuple[float, float]]
+    amplitude: Mapping[str, float]
+    rate: Mapping[str, float]
+
+
+def offset_of(model: Model, output: str) -> float:
+    """What is added to an output of the model to have the total: of a load factor of perturbations the weight."""
+    return 1.0 if output == "nz" and not of_totals(model) else 0.0
+
+
+def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
+    """Limits where nobody names any. ``rest`` : outputs in trim. A user's own model has those of channels that it calls the same."""
+    outputs: dict[str, tuple[float, float]] = {}
+    for signal in model.equations.outputs:
+        name, at = signal.name, rest[signal.name]
+        if name == "alpha" and signal.unit == "rad":
+            outputs[name] = (at - ANGLE_OF_ATTACK, at + ANGLE_OF_ATTACK)
+        elif name == "theta" and signal.unit == "rad":
+            outputs[name] = (at - PITCH, at + PITCH)
+        elif name == "airspeed" and at > 0.0:
+            outputs[name] = ((1.0 - SPEED) * at, (1.0 + SPEED) * at)
+        elif name in USUAL and (not is_own(model) or signal.unit in ("rad", "rad/s")):
+            outputs[name] = USUAL[name]
+    return Limits(outputs, {signal.name: _usual_amplitude(model, signal.name, signal.unit) for signal in model.equations.inputs}, {})
+
+
+def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limits) -> Limits:
+    """The usual limits with those of a file, or of its content, in their place.
+
+    Keys: ``OUTPUT_max`` (alone it holds to both sides of zero, but of a load factor), ``OUTPUT_min``, ``INPUT_amplitude``, ``INPUT_rate``.
+
+    Raises
+    ------
+    DeclarationError : a key that there is not, a value of a wrong kind, unit or sign, a lowest above a highest.
+    """
+    if given is None:
+        return usual
+    where = str(given) if isinstance(given, Path) else "limits"
+    content = read_toml(given) if isinstance(given, Path) else dict(given)
+    known = _keys(model)
+    outputs, amplitude, rate = dict(usual.outputs), dict(usual.amplitude), dict(usual.rate)
+    found: dict[str, dict[str, float]] = {}
+    for key, value in content.items():
+        if key not in known:
+            raise DeclarationError("there is no such key", where=f"{where}, key {key}", remedy=closest(key, known))
+        name, kind, unit = known[key]
+        number = number_in(value, unit, f"{where}, key {key}")
+        if kind in ("amplitude", "rate"):
+            if number <= 0.0:
+                raise DeclarationError(f"value {number:g} is not above 0", where=f"{where}, key {key}", remedy="give a positive number")
+            (amplitude if kind == "amplitude" else rate)[name] = number
+        else:
+            found.setdefault(name, {})[kind] = number
+    for name, ends in found.items():
+        low, high = outputs.get(name, (-np.inf, np.inf))
+        high = ends.get("max", high)
+        # A pull-up's limit says nothing of a push-over's; an angle's or a rate's holds to both sides.
+        low = ends.get("min", low if name in ("nz", "airspeed") or "max" not in ends else -abs(high))
+        if not low < high:
+            raise DeclarationError(f"{low:g} is not below {high:g}", where=f"{where}, key {name}_max", remedy="give a highest above the lowest")
+        outputs[name] = (low, high)
+    return Limits(outputs, amplitude, rate)
+
+
+def _keys(model: Model) -> dict[str, tuple[str, str, str]]:
+    """Key -> channel, what it limits, and its unit."""
+    out: dict[str, tuple[str, str, str]] = {}
+    for signal in model.equations.outputs:
+        out |= {f"{signal.name}_{end}": (signal.name, end, signal.unit) for end in ("min", "max")}
+    for signal in model.equations.inputs:
+        unit = unit_in(model, signal.name)
+        out[f"{signal.name}_amplitude"] = (signal.name, "amplitude", unit)
+        out[f"{signal.name}_rate"] = (signal.name, "rate", "1/s" if unit == "1" else f"{unit}/s")
+    return out
+
+
+def _usual_amplitude(model: Model, name: str, unit: str) -> float:
+    """An angle of some degrees; thrust of a share of the weight; one of any other unit."""
+    if unit == "rad":
+        return DEFLECTION
+    if name == "thrust" and "mass" in model.parameters:
+        return THRUST * model.parameters["mass"].value * G0
+    return 1.0
+
+
+# ---- From what is asked to what flies
 
 # Standard deviations of usual instruments, SI and g, where nobody names any.
 INSTRUMENTS: Mapping[str, float] = {
@@ -71,7 +362,7 @@ class Setting:
         return Planned(record, self.model, tuple(self.noise), np.array([*self.noise.values()]), FitSettings(max_step=step, enough=1e-6))
 
 
-def setting_of(asked: Asked) -> Setting:
+def setting_of(asked: DesignRequest) -> Setting:
     """Read the files and put everything together.
 
     Raises
@@ -142,7 +433,7 @@ def _frequency(model: Model, rest: Mapping[str, float]) -> float:
     return float(np.exp(np.mean(np.log(quick)))) if len(quick) else 1.0
 
 
-def _refuse_band(asked: Asked) -> None:
+def _refuse_band(asked: DesignRequest) -> None:
     """Raise DeclarationError for a band that is none, or for effects beside it."""
     if asked.band is None:
         return
@@ -155,7 +446,7 @@ def _refuse_band(asked: Asked) -> None:
         raise DeclarationError(what, where="--band, --tell", remedy="leave one of them out")
 
 
-def _room(asked: Asked, model: Model, pulse: float) -> Room:
+def _room(asked: DesignRequest, model: Model, pulse: float) -> Room:
     for option, value in (("--duration", asked.duration), ("--rate", asked.rate)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise DeclarationError(f"{value:g} is not above 0", where=option, remedy="give a positive number")
@@ -185,7 +476,7 @@ def _room(asked: Asked, model: Model, pulse: float) -> Room:
     return room
 
 
-def _noise(asked: Asked, model: Model) -> dict[str, float]:
+def _noise(asked: DesignRequest, model: Model) -> dict[str, float]:
     """Measured outputs with their noise: those named, all that the model has where none is."""
     units = {signal.name: signal.unit for signal in model.equations.outputs}
     given = _positive(numbers_of(asked.noise, units, "--noise"), "--noise")

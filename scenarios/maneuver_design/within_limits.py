@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.maneuver_design.planned_flight import Planned, simulated
+from ident.maneuver_design import Planned, simulated
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from scenarios.maneuver_design.kinds import no_faster
-from scenarios.maneuver_design.limits import offset_of
-from scenarios.maneuver_design.setting import Setting
+from scenarios.maneuver_design.setting import Setting, no_faster, offset_of
 from sim.errors import DeclarationError, ModelError
 
 ATTEMPTS, USUALLY, STUBBORN = 16, 4, 3.0  # behind a limit of the rate the peak hardly follows the amplitude
@@ -20,7 +18,7 @@ TOO_WILD = 0.2  # by which a maneuver whose simulation leaves all measure is mad
 
 
 @dataclass(frozen=True, eq=False)
-class Flight:
+class LimitedManeuver:
     """A maneuver within its limits: ``rows (inputs, N)`` from rest, the share ``scale`` of the amplitude, its simulation, and extremes by output."""
 
     rows: np.ndarray
@@ -31,7 +29,7 @@ class Flight:
     bound_by: str
 
 
-def within_limits(setting: Setting, shapes: np.ndarray, *, quick: bool = False, start: float = 1.0, bound_by: str = "") -> Flight:
+def within_limits(setting: Setting, shapes: np.ndarray, *, quick: bool = False, start: float = 1.0, bound_by: str = "") -> LimitedManeuver:
     """The maneuver of ``shapes (inputs, N)``, peaks of one, at the amplitude of the limits, or scaled down until the response stays inside.
 
     ``start`` : the scale to begin with, and ``bound_by`` what made it so. Raises DeclarationError where the limits leave nothing.
@@ -50,7 +48,7 @@ def within_limits(setting: Setting, shapes: np.ndarray, *, quick: bool = False, 
         extremes = _extremes(setting, motion)
         worst, name = _worst(setting, extremes)
         if worst <= 1.0:
-            return Flight(rows, scale, planned, simulated(planned), extremes, bound_by)
+            return LimitedManeuver(rows, scale, planned, simulated(planned), extremes, bound_by)
         scale, bound_by = scale * INSIDE / worst ** (1.0 if attempt < USUALLY else STUBBORN), name
     raise DeclarationError(
         f"no maneuver stays within {bound_by or 'the limits'}", where="--limits", remedy="widen it, shorten the flight, or check the starting values"

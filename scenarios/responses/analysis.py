@@ -16,20 +16,13 @@ from ident.frequency_response import (
     Spectra,
     estimate_responses,
 )
-from ident.frequency_response.choices import (
-    decimated,
-    frequencies,
-    input_band,
-    lowest_frequency,
-    window_lengths,
-)
+from ident.frequency_response.estimate import decimated, frequencies, input_band, lowest_frequency, window_lengths
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import Request, column_choices
-from scenarios.responses.fitting import FitOptions, Fits, fit_cautions, fits_of
+from scenarios.responses.fitting import NO_LEVELS, FitOptions, Fits, LevelOptions, Qualities, fit_cautions, fits_of, qualities_of, refuse_kind
 from scenarios.responses.loops import LoopMargins, loop_margins_of, refuse_loop
-from scenarios.responses.qualities import NO_LEVELS, LevelOptions, Qualities, qualities_of, refuse_kind
 from scenarios.responses.reading import Names, ReadSignals, read_signals
 from sim.errors import DeclarationError, RecordError
 from sim.record import Hold
@@ -46,7 +39,7 @@ LEAST_APART = 0.25
 
 
 @dataclass(frozen=True)
-class Options:
+class ResponseOptions:
     """How responses are estimated.
 
     Attributes
@@ -84,7 +77,7 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Responses:
+class ResponseEstimates:
     """Frequency responses of records.
 
     Attributes
@@ -140,12 +133,12 @@ class Responses:
 def responses_of(
     request: Request,
     names: Names,
-    options: Options,
+    options: ResponseOptions,
     fit: FitOptions | None = None,
     bandwidth: str | None = None,
     margins: str | None = None,
     limits: LevelOptions = NO_LEVELS,
-) -> Responses:
+) -> ResponseEstimates:
     """Estimate the responses of the records of a request, pooled.
 
     ``fit`` : transfer functions. ``bandwidth`` : what the outputs are, ``"rate"`` or ``"attitude"``,
@@ -171,7 +164,7 @@ def responses_of(
     _refuse_proportional(found, names)
     fits = fits_of(found, names, fit or FitOptions())
     loop = loop_margins_of(found, names, margins, read, partial(_of_a_part, options, found))
-    return Responses(
+    return ResponseEstimates(
         identities(files),
         read.names,
         read.durations,
@@ -189,14 +182,14 @@ def responses_of(
     )
 
 
-def _of_a_part(options: Options, whole: FrequencyResponses, part: ReadSignals) -> FrequencyResponses:
+def _of_a_part(options: ResponseOptions, whole: FrequencyResponses, part: ReadSignals) -> FrequencyResponses:
     """The responses of one part, in the band of all parts together as far as the part resolves it."""
     low, high = float(whole.frequency[0]), float(whole.frequency[-1])
     _, lowest = _windows(part.durations, replace(options, band=(low, high)))
     return estimated(part, replace(options, band=(max(low, lowest), high)))[0]
 
 
-def _windows(durations: Sequence[float], options: Options) -> tuple[tuple[float, ...], float]:
+def _windows(durations: Sequence[float], options: ResponseOptions) -> tuple[tuple[float, ...], float]:
     """Lengths of windows, s, none with tapers, and the lowest frequency that they resolve, Hz."""
     if options.tapers:
         return (), 0.5 * (options.tapers + 1) / min(durations)
@@ -216,7 +209,7 @@ def _refuse_proportional(found: FrequencyResponses, names: Names) -> None:
             raise RecordError(what, where="--input", remedy=remedy)
 
 
-def estimated(read: ReadSignals, options: Options) -> tuple[FrequencyResponses, FrequencyResponses | None, float, list[str]]:
+def estimated(read: ReadSignals, options: ResponseOptions) -> tuple[FrequencyResponses, FrequencyResponses | None, float, list[str]]:
     """The estimate, the direct one where it is a joint one, the step used, s, and notes."""
     rate = 1.0 / read.step
     windows, lowest = _windows(read.durations, options)
@@ -307,6 +300,6 @@ def _bias_of_direct(found: FrequencyResponses, direct: FrequencyResponses, row: 
     ]
 
 
-def pairs(found: Responses) -> list[tuple[int, int, str]]:
+def pairs(found: ResponseEstimates) -> list[tuple[int, int, str]]:
     """Row, column and name ``"q/elevator"`` of every response, outputs first."""
     return [(row, column, f"{output}/{one}") for row, output in enumerate(found.names.outputs) for column, one in enumerate(found.names.inputs)]

@@ -1,19 +1,31 @@
-"""The study that a stream is held against, read from its comparison.json, and the vehicle that a watch starts from."""
+"""The study that a stream is compared with, and the table of the comparison."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from rich import box
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from ident.estimate import Estimate
+from ident.statistics.residuals import BEYOND
 from scenarios.files.sources import read_json, resolved
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.identification.low_order import DERIVED, PAPER_START
+from scenarios.studies.comparison import DERIVED_UNITS
+from scenarios.terminal.quantities import number_text
 from sim.closed_loop.airframe import load_x29
 from sim.errors import DeclarationError
 from sim.vehicles.factory import LOES_CONSTANTS
+
+# ---- The study that a stream is held against
 
 SCHEMA = "flightid/comparison/1"
 
@@ -95,3 +107,121 @@ def _numbers(table: Any, key: str) -> dict[str, float]:
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+# ---- What a watch shows
+
+HANGING = "hangs on start"
+WORDS = {"natural_frequency": "natural frequency", "damping_ratio": "damping ratio", "delay": "delay"}
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """One quantity of the stream, and of the reference where it has it, with standard deviations, in ``unit``; ``hanging`` on the start alone."""
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    reference: tuple[float, float] | None = None
+    hanging: bool = False
+
+    @property
+    def z(self) -> float | None:
+        """Difference over the root of both variances' sum; None without a reference, a deviation, or a number that does not hang on the start."""
+        if self.reference is None or self.hanging:
+            return None
+        scale = math.hypot(self.std, self.reference[1])
+        return (self.value - self.reference[0]) / scale if scale > 0 else None
+
+    @property
+    def beyond(self) -> bool:
+        """Whether it lies outside the reference's bounds: more than two standard deviations of the difference."""
+        return self.z is not None and abs(self.z) > BEYOND
+
+
+@dataclass(frozen=True)
+class View:
+    """One moment of a watch: ``time`` (s), rows and what was left out so far, quantities, weights by delay (s), which are probabilities
+    where the estimate is ``refined``, else likelihoods."""
+
+    name: str
+    time: float
+    rows: int
+    left_out: int
+    spikes: int
+    standings: tuple[CrossValidation, ...]
+    delays: np.ndarray
+    weights: np.ndarray
+    silent: float = 0.0
+    sound: bool = True
+    refined: bool = False
+
+
+def standings(
+    estimate: Estimate, derived: Mapping[str, tuple[float, float]], reference: Reference | None, hanging: Collection[str] = ()
+) -> tuple[CrossValidation, ...]:
+    """Derived quantities, then parameters, each against the reference where there is one; ``hanging`` are those that hang on the start."""
+    known = {} if reference is None else reference.values
+    out = [CrossValidation(name, DERIVED_UNITS[name], value, std, known.get(name), name in hanging) for name, (value, std) in derived.items()]
+    for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True):
+        if name not in derived:
+            out.append(CrossValidation(name, unit, value, std, known.get(name), name in hanging))
+    return tuple(out)
+
+
+def live_table(view: View) -> Group:
+    """The table of a terminal, without a frame so that no number is cut in 80 columns, between its heading and the weights of the delays."""
+    table = Table(box=box.SIMPLE_HEAD, padding=0)
+    compared = any(item.reference is not None for item in view.standings)
+    hanging = any(item.hanging for item in view.standings)
+    headings = ["quantity", "unit", "estimate", "+- sigma", *(("reference", "+- sigma", "off,\nsigmas") if compared else ())]
+    for heading in [*headings, *([""] if compared or hanging else [])]:
+        table.add_column(heading, justify="left" if heading in ("quantity", "unit", "") else "right", no_wrap=True)
+    for item in view.standings:
+        cells = [WORDS.get(item.name, item.name), item.unit]
+        cells += ["-", "-"] if item.hanging else [number_text(item.value, item.std), number_text(item.std, item.std)]
+        if item.reference is not None:
+            value, std = item.reference
+            z = item.z
+            cells += [number_text(value, std), number_text(std, std), "-" if z is None else f"{z:+.1f}"]
+        elif compared:
+            cells += [""] * 3
+        if compared or hanging:
+            cells.append(HANGING if item.hanging else "outside" if item.beyond else "")
+        table.add_row(*cells, style="bold red" if item.beyond else None)
+    return Group(Text(_heading(view)), table, Text(_weights(view)))
+
+
+def line(view: View) -> str:
+    """The same in one line, for a log."""
+    by_name = {item.name: item for item in view.standings}
+    shown = []
+    for name, word in WORDS.items():
+        if name in by_name:
+            item = by_name[name]
+            told = f"{number_text(item.value, item.std)} +- {number_text(item.std, item.std)} {item.unit}".removesuffix(" 1")
+            shown.append(f"{word} {HANGING if item.hanging else told}")
+    best = int(np.argmax(view.weights))
+    shown.append(f"most likely {view.delays[best]:g} s (weight {view.weights[best]:.2f})")
+    outside = outside_of(view.standings)
+    return f"{_heading(view)}: " + ", ".join(shown) + (f"; outside the reference: {', '.join(outside)}" if outside else "")
+
+
+def outside_of(items: Sequence[CrossValidation]) -> list[str]:
+    """Names of what lies outside the reference's bounds."""
+    return [WORDS.get(item.name, item.name) for item in items if item.beyond]
+
+
+def _heading(view: View) -> str:
+    counts = [f"{view.rows} rows"]
+    counts += [f"{view.left_out} line{'s' * (view.left_out != 1)} left out"] if view.left_out else []
+    counts += [f"{view.spikes} spike{'s' * (view.spikes != 1)} left out"] if view.spikes else []
+    counts += [] if view.sound else ["all filters broke down, the last sound values stand"]
+    counts += [f"nothing new for {view.silent:.0f} s"] if view.silent >= 1.0 else []
+    return f"{view.name}, {view.time:.2f} s, {', '.join(counts)}"
+
+
+def _weights(view: View) -> str:
+    cells = [f"{1000.0 * delay:g}: {weight:.2f}" for delay, weight in zip(view.delays, view.weights, strict=True) if weight >= 0.005]
+    return f"{'probability' if view.refined else 'likelihood'} by delay, ms: " + ", ".join(cells)

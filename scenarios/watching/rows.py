@@ -1,11 +1,16 @@
-"""From lines to rows in SI units and in the order of time, with whatever cannot be used left out and counted."""
+"""From a stream's lines to rows in SI units and in order of time."""
 
 from __future__ import annotations
 
 import csv
 import math
+import os
+import queue
 import re
-from collections.abc import Mapping, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -24,8 +29,125 @@ from scenarios.files.sources import InputFile
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 
+# ---- Complete lines as they arrive, from a file that grows or from standard input
+
+TICK = 0.1  # s between two looks at a source that has nothing new
+LARGEST_PIECE = 1 << 16
+AHEAD = 16  # pieces of standard input that wait to be taken
+LONGEST_LINE = 1 << 20
+_NOT_LINES = (".gz", ".parquet", ".pq", ".mat")
+
+Read = Callable[[], bytes | None]
+
+
+class Lines(NamedTuple):
+    """What came: whole lines without their ends, and at the end of the stream the beginning of a line that never ended."""
+
+    whole: list[bytes]
+    unfinished: bytes = b""
+
+
+def lines_of(read: Read, idle: float | None, name: str) -> Iterator[Lines]:
+    """Lines as a source gives them, an empty list whenever it has nothing new.
+
+    Parameters
+    ----------
+    read : new bytes, none if there are none after waiting a tick, None when the source has ended.
+    idle : s without a byte after which the stream counts as ended; None waits for the source's end.
+    name : for messages.
+
+    Raises
+    ------
+    RecordError : a line without end.
+    """
+    rest, heard = b"", time.monotonic()
+    while (piece := read()) is not None:
+        if piece:
+            heard = time.monotonic()
+            *whole, rest = (rest + piece).split(b"\n")
+            if len(rest) > LONGEST_LINE:
+                raise RecordError("a line without end", where=name, remedy="stream comma-separated text, one row a line")
+            yield Lines([line.removesuffix(b"\r") for line in whole])
+        elif idle is not None and time.monotonic() - heard >= idle:
+            break
+        else:
+            yield Lines([])
+    yield Lines([], rest)
+
+
+@contextmanager
+def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
+    """A source that reads a file from its beginning and goes on as it grows; with ``until_end`` it ends where the file does.
+
+    A file that is cut short while it is read ends too.
+
+    Raises
+    ------
+    RecordError : no such file, a folder, no text, or it cannot be read.
+    """
+    if not path.exists():
+        raise RecordError("there is no such file", where=str(path), remedy="check the path")
+    if path.is_dir():
+        raise RecordError("this is a folder", where=str(path), remedy="name the record file in it")
+    if path.suffix.lower() in _NOT_LINES:
+        raise RecordError("only comma-separated text arrives line by line", where=str(path), remedy="give a CSV file, or use flightid identify")
+    try:
+        file = path.open("rb", buffering=0)
+    except OSError as error:
+        raise RecordError(f"cannot be read ({error.strerror})", where=str(path), remedy="check the file and its permissions") from None
+    with file:
+
+        def read() -> bytes | None:
+            piece = file.read(LARGEST_PIECE)
+            if piece:
+                return piece
+            if until_end or (path.is_file() and os.fstat(file.fileno()).st_size < file.tell()):
+                return None
+            time.sleep(TICK)
+            return b""
+
+        yield read
+
+
+def standard_input(descriptor: int = 0) -> Read:
+    """A source that reads what is piped in; it ends where the pipe does.
+
+    A thread waits for the pipe, since Windows waits for sockets alone. It reads a few pieces ahead, no more.
+    """
+    pieces: queue.Queue[bytes | OSError] = queue.Queue(AHEAD)
+    ended = False
+
+    def wait() -> None:
+        piece: bytes | OSError = b" "
+        while piece and not isinstance(piece, OSError):
+            try:
+                piece = os.read(descriptor, LARGEST_PIECE)
+            except OSError as error:
+                piece = error
+            pieces.put(piece)
+
+    threading.Thread(target=wait, daemon=True, name="standard input").start()
+
+    def read() -> bytes | None:
+        nonlocal ended
+        if ended:
+            return None
+        try:
+            piece = pieces.get(timeout=TICK)
+        except queue.Empty:
+            return b""
+        if isinstance(piece, OSError):
+            raise RecordError(f"cannot be read ({piece.strerror})", where="standard input", remedy="check what is piped in")
+        ended = not piece
+        return piece or None
+
+    return read
+
+
+# ---- From lines to rows in SI units and in the order of time
+
 INPUTS, OUTPUTS = (STICK,), ("alpha", "q", "nz")
-AHEAD = 1.0  # s: a time stamp further ahead is believed when the next one bears it out
+ROWS_AHEAD = 1.0  # s: a time stamp further ahead is believed when the next one bears it out
 UNWRAP = re.compile(r"\bunwrap\s*\(")
 LOST = 600.0  # s: after a gap this long nothing of the motion before is known
 
@@ -286,7 +408,7 @@ def in_order(table: np.ndarray, numbers: Sequence[int], order: Order) -> tuple[n
             else:
                 begun = f"{order.time:.9g} s, then " if order.time > -math.inf else "first "
                 faults.append(Fault(ahead_row, f"time jumps ahead ({begun}{ahead[0]:.9g} s) and comes back"))
-        ahead_of_all = time - order.time > AHEAD
+        ahead_of_all = time - order.time > ROWS_AHEAD
         order = order._replace(waiting=row, waiting_row=number) if ahead_of_all else _accept(row, number, order, kept, faults)
     return np.array(kept, dtype=float).reshape(-1, table.shape[0]).T, faults, order
 
@@ -309,7 +431,7 @@ def _goes_on(table: np.ndarray, order: Order) -> bool:
     if table.shape[1] == 0 or order.waiting is not None or order.lost is not None:
         return False
     steps = np.diff(table[0], prepend=order.time)
-    return bool(np.all((steps > 0.0) & (steps <= AHEAD)) and not np.isnan(table[1 : 1 + len(order.inputs)]).any())
+    return bool(np.all((steps > 0.0) & (steps <= ROWS_AHEAD)) and not np.isnan(table[1 : 1 + len(order.inputs)]).any())
 
 
 def _accept(row: np.ndarray, number: int, order: Order, kept: list[np.ndarray], faults: list[Fault]) -> Order:

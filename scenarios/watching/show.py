@@ -9,13 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from scenarios.watching.estimates import so_far
-from scenarios.watching.session import Session, Step
+from scenarios.watching.reference import WORDS, View, live_table, outside_of, standings
+from scenarios.watching.reference import line as view_line
+from scenarios.watching.session import Session, Step, Watch
 from scenarios.watching.spectral_study import beside_lines
-from scenarios.watching.stream import Watch
-from scenarios.watching.study import Outcome
-from scenarios.watching.table import WORDS, View, live_table, outside_of, standings
-from scenarios.watching.table import line as view_line
+from scenarios.watching.study import Outcome, so_far
 
 REFRESH = 0.25  # s between two drawings of the live table
 

@@ -17,8 +17,8 @@ from scenarios.studies.comparison import SCHEMA
 from scenarios.studies.rows import Row
 from scenarios.terminal.quantities import console, number_text
 from scenarios.terminal.tables import TableColumn, print_table
-from scenarios.watching.history import NAME
-from scenarios.watching.reference import Reference
+from scenarios.watching.reference import CrossValidation, Reference, outside_of, standings
+from scenarios.watching.session import Watch
 from scenarios.watching.spectral import (
     UNKNOWN,
     Point,
@@ -31,9 +31,7 @@ from scenarios.watching.spectral import (
     spectral_content,
     undetermined,
 )
-from scenarios.watching.stream import Watch
-from scenarios.watching.study import reference_content
-from scenarios.watching.table import CrossValidation, outside_of, standings
+from scenarios.watching.study import NAME, reference_content
 
 SHOWN = 4  # parameters in a line, the best known ones
 

@@ -1,31 +1,305 @@
-"""What a watch leaves behind: the rows it took, the history, and a comparison of the last estimate with the reference."""
+"""Results of a watch: estimates, history, comparison, page, and what is shown while it runs."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import IO, Any
 
 import numpy as np
+from scipy.special import ndtr
 
+from ident.banks.delays import likelihood_weights
+from ident.banks.online import MEDIAN_SQUARE, BankState, OnlineBank, moved_starts, spread_covariance
+from ident.banks.relinearised import joint_estimate
+from ident.estimate import Estimate
+from ident.estimate import Outcome as EstimateOutcome
 from scenarios.files.sources import resolved, versions
 from scenarios.files.writing import study_folder, write_json, write_record
 from scenarios.identification.assessment import IdentificationResult
+from scenarios.identification.low_order import derived_of, mean_delay
 from scenarios.pages.folder import CONTENT, write_page
+from scenarios.pages.model import BY_ROW, PURE, Block, Cell, Column, Number, Page, Table, as_sentence, capital, estimate, now, reproduction, section
+from scenarios.pages.tables import derived_table, estimates_table, fixed_table
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
 from scenarios.studies.rows import Row
 from scenarios.terminal.summary import PAGE
-from scenarios.watching.estimates import SoFar, nearest, plain_so_far
-from scenarios.watching.history import NAME, History
-from scenarios.watching.reference import Reference
-from scenarios.watching.report import watch_page
-from scenarios.watching.session import Session
+from scenarios.watching.reference import CrossValidation, Reference
+from scenarios.watching.rows import OUTPUTS
+from scenarios.watching.session import STARTED, Session, Step
 from scenarios.watching.spectral import METHOD, history_csv, last_estimate, spectral_content
-from scenarios.watching.table import CrossValidation
-from sim.errors import DeclarationError
+from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
+
+# ---- What a stream has told so far
+
+
+@dataclass(frozen=True, eq=False)
+class SoFar:
+    """``estimate`` of the parameters, ``derived`` quantities with deviations, ``weights (B,)`` of the declared delays: likelihoods of the plain
+    filters, or where it is refined the probability that the delay is nearest to each.
+
+    ``refined``: linearised anew on its way, with the delay between the grid points. Else the most likely filter's, and ``hanging`` are the
+    quantities that hang on the start: other starts end as far apart as they began.
+    """
+
+    estimate: Estimate
+    derived: Mapping[str, tuple[float, float]]
+    weights: np.ndarray
+    refined: bool
+    hanging: frozenset[str] = frozenset()
+
+
+def so_far(session: Session, step: Step | None = None) -> SoFar:
+    """The estimate after a step, the last when None: the one that was linearised anew where there is one."""
+    step = session.last if step is None else step
+    assert session.bank is not None and step is not None
+    if step.refined is None:
+        return plain_so_far(session, step)
+    estimate = joint_estimate(step.refined)
+    weights = nearest(session.bank.delays, estimate.value("delay"), estimate.sigma("delay"))
+    return SoFar(estimate, derived_of(estimate, session.vehicle, (0.0, 0.0)), weights, True)
+
+
+def nearest(delays: np.ndarray, value: float, std: float) -> np.ndarray:
+    """The probability ``(B,)`` of a normal delay (s) to be nearer to each of the increasing ``delays`` than to any other."""
+    between = 0.5 * (delays[1:] + delays[:-1])
+    below = ndtr((between - value) / max(std, 1e-9))
+    return np.diff(np.concatenate([[0.0], below, [1.0]]))
+
+
+def plain_so_far(session: Session, step: Step | None = None) -> SoFar:
+    """The most likely plain filter's estimate; its deviations hold what other starts end apart by."""
+    bank, step = session.bank, session.last if step is None else step
+    assert bank is not None and step is not None
+    estimate, weights, (delay, std) = likely_estimate(bank, step.state)
+    n_x = len(bank.system.states)
+    spread, apart = step.spread[n_x:], step.differences[:, n_x:]
+    derived = derived_of(estimate, session.vehicle, (delay, std))
+    ended = _derived_spread(session, estimate, derived, apart)
+    began = _derived_spread(session, *_at_start(session, estimate))
+    prior = np.sqrt(np.diagonal(bank.covariance))[n_x:]
+    hanging = {name for name, far, wide in zip(estimate.names, spread.tolist(), prior.tolist(), strict=True) if far >= wide}
+    hanging |= {name for name, far in ended.items() if far >= began.get(name, np.inf)}
+    spans = {**ended, "delay": step.delay_spread}
+    # Between the first and the last delay of the grid, any of which might have been.
+    hanging |= {"delay"} if step.delay_spread >= float(np.ptp(bank.delays)) / 12.0**0.5 else set()
+    wide = {name: (value, float(np.hypot(sigma, spans.get(name, 0.0)))) for name, (value, sigma) in derived.items()}
+    held = np.isfinite(spread)
+    covariance = estimate.covariance + spread_covariance(np.where(held, spread, prior), apart)
+    return SoFar(replace(estimate, covariance=covariance), wide, weights, False, frozenset(hanging))
+
+
+def likely_estimate(bank: OnlineBank, state: BankState) -> tuple[Estimate, np.ndarray, tuple[float, float]]:
+    """The most likely filter's parameters with its own covariance, the likelihood weights ``(B,)``, and the weighted delay with its deviation (s)."""
+    best, n_x = state.best, len(bank.system.states)
+    names = bank.names[n_x:]
+    P = state.covariance[best, n_x:, n_x:]
+    outcome = EstimateOutcome.CONVERGED if state.sound[best] else EstimateOutcome.DIVERGED
+    log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
+    weights = likelihood_weights(log_likelihood)
+    std = np.sqrt(np.diag(bank.R))
+    likely = float(state.log_likelihood[best])
+    estimate = Estimate(
+        "online", names, bank.units, state.mean[n_x:, best].copy(), 0.5 * (P + P.T), outcome, likely, bank.system.output_names, std, ()
+    )
+    return estimate, weights, mean_delay(bank.delays, weights)
+
+
+def _at_start(session: Session, estimate: Estimate) -> tuple[Estimate, Mapping[str, tuple[float, float]], np.ndarray]:
+    """The declared start as an estimate, what is derived of it, and how far the other starts began from it ``(K, n)``."""
+    bank = session.bank
+    assert bank is not None
+    n_x = len(bank.system.states)
+    begun = replace(estimate, values=bank.start[n_x:])
+    moved = (moved_starts(bank, STARTED) - bank.start[:, None]).T[:, n_x:]
+    return begun, derived_of(begun, session.vehicle, (0.0, 0.0)), moved
+
+
+def _derived_spread(session: Session, about: Estimate, derived: Mapping[str, tuple[float, float]], apart: np.ndarray) -> dict[str, float]:
+    """Typical differences of natural frequency and damping between estimates that differ by ``apart (K, n)``; infinite where half have none."""
+    each = [derived_of(replace(about, values=about.values + away), session.vehicle, (0.0, 0.0)) for away in apart]
+    out = {}
+    for name, (value, _) in derived.items():
+        if name != "delay":
+            far = [found[name][0] - value if name in found else np.inf for found in each]
+            out[name] = float(np.sqrt(np.median(np.square(far)) / MEDIAN_SQUARE))
+    return out
+
+
+# ---- The history of a watch: a line a row, appended and flushed while the stream goes on
+
+NAME = "history.csv"
+PART = "history.csv.part"
+
+
+class History:
+    """A file ``history.csv.part`` in the study's folder that grows; ``finish`` hands it over as a whole.
+
+    Columns: ``time``; ``most_likely_delay``, ``weighted_delay`` (s); ``log_likelihood`` of the most likely filter, empty
+    once all filters have broken down; ``weight_25ms`` and so on;
+    states and parameters of the most likely filter, each ``NAME``, ``NAME_std`` as that filter has it, and ``NAME_spread``, the deviation that
+    other starts and the grid of delays add; where the bank is linearised anew ``refined_NAME`` and ``refined_NAME_std`` of the parameters and
+    the delay, empty until it first is; ``innovation_CHANNEL`` in standard deviations, an empty cell where nothing was measured; ``spikes``,
+    how many samples of the row were left out.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._made = folder, not folder.exists()
+        self.path = folder / PART
+        self._file: IO[str] | None = None
+        self._bank: OnlineBank | None = None
+
+    def __enter__(self) -> History:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Leave nothing behind that is not whole."""
+        if self._file is not None:
+            self._file.close()
+            self.path.unlink(missing_ok=True)
+        if kind is not None and self._made and self._folder.is_dir() and not any(self._folder.iterdir()):
+            self._folder.rmdir()
+
+    def write(self, bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> None:
+        """Append a line for each step, all of them on disk when this returns; ``refine``: the bank is linearised anew on its way.
+
+        Raises
+        ------
+        FlightidError : the folder cannot be written.
+        """
+        if not steps:
+            return
+        try:
+            if self._file is None:
+                self._folder.mkdir(parents=True, exist_ok=True)
+                self._file = self.path.open("w", encoding="ascii", newline="")
+                self._file.write(",".join(columns(bank, refine)) + "\n")
+            self._file.write(lines(bank, steps, refine))
+            self._file.flush()
+        except OSError as error:
+            what = f"cannot be written ({error.strerror})"
+            raise FlightidError(what, where=str(self._folder), remedy="name a folder that you may write in") from None
+
+    def finish(self) -> str:
+        """The whole text."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+            text = self.path.read_text(encoding="ascii")
+            self.path.unlink()
+            return text
+        return ""
+
+
+def columns(bank: OnlineBank, refine: bool = False) -> list[str]:
+    """Names of the columns."""
+    weights = [f"weight_{1000.0 * delay:g}ms" for delay in bank.delays]
+    values = [name for each in bank.names for name in (each, f"{each}_std", f"{each}_spread")]
+    if refine:
+        values += [name for each in (*bank.names[len(bank.system.states) :], "delay") for name in (f"refined_{each}", f"refined_{each}_std")]
+    head = ["time", "most_likely_delay", "weighted_delay", "log_likelihood"]
+    return [*head, *weights, *values, *(f"innovation_{name}" for name in OUTPUTS), "spikes"]
+
+
+def lines(bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> str:
+    """A line a step, ten digits a number."""
+    B, n, count = len(bank.delays), len(bank.names), len(steps)
+    states = [step.state for step in steps]
+    each = np.arange(count)
+    log_likelihood = np.array([np.where(state.sound, state.log_likelihood, -np.inf) for state in states])
+    best = log_likelihood.argmax(axis=1)
+    weights = likelihood_weights(log_likelihood)
+    variance = np.array([state.covariance[run].reshape(-1)[:: n + 1] for state, run in zip(states, best.tolist(), strict=True)])
+    n_x = len(bank.system.states)
+    table = np.full((count, 4 + B + 3 * n + (2 * (n - n_x + 1) if refine else 0)), np.nan)
+    table[:, 0], table[:, 1] = [step.row[0] for step in steps], bank.delays[best]
+    table[:, 2], table[:, 3] = weights @ bank.delays, log_likelihood[each, best]
+    table[:, 4 : 4 + B] = weights
+    last = 4 + B + 3 * n
+    table[:, 4 + B : last : 3] = [state.mean[:, run] for state, run in zip(states, best.tolist(), strict=True)]
+    table[:, 5 + B : last : 3] = np.sqrt(np.maximum(variance, 0.0))
+    spread = np.array([step.spread for step in steps])
+    table[:, 6 + B : last : 3] = np.where(np.isfinite(spread), spread, np.nan)
+    for row, step in enumerate(steps):
+        if refine and step.refined is not None:
+            found = joint_estimate(step.refined)
+            table[row, last::2], table[row, last + 1 :: 2] = found.values, found.std
+    innovations = np.array([state.innovation for state in states])
+    spikes = [int(np.count_nonzero(state.skipped)) for state in states]
+    form = ",".join(["%.10g"] * table.shape[1] + ["%.4g"] * innovations.shape[1]) + ",%d\n"
+    text = "".join(form % (*numbers, *sizes, more) for numbers, sizes, more in zip(table.tolist(), innovations.tolist(), spikes, strict=True))
+    return text.replace(",-inf,", ",,").replace(",nan,", ",,").replace(",nan,", ",,")  # a match takes the comma of the next
+
+
+# ---- The page of a watch that has ended
+
+
+def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
+    """The page of ``content``, what stands in ``comparison.json``; ``digest`` is that of the rows that were taken."""
+    stream, reference, methods = content["stream"], content.get("reference"), content.get("methods", {})
+    outside = list(reference["outside"]) if reference else []
+    told = f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended, {stream['spikes']} spikes"
+    words = against(outside, content.get("start_dependent", ()), len(reference["differences"])) if reference else ""
+    refined = {"online": "as the stream left it", "online-refined": "refined on line"}.get(content["method"], "refined over all rows")
+    return Page(
+        title=f"{capital(content['vehicle'])}: a stream identified while it arrived",
+        kind=f"Watch of {name}, low-order equivalent system, {refined}",
+        verdict="outside the reference" if outside else content["outcome_sentence"].partition(":")[0].partition(",")[0],
+        tone="fair" if outside else "good" if content["outcome"] == "converged" else "open",
+        sentence=as_sentence(words) if reference else as_sentence(told),
+        summary=(as_sentence(told),) if reference else (),
+        warnings=tuple(content.get("warnings", ())),
+        sections=(
+            *section("What was found", *_found(content)),
+            *section("As the stream left it", *(_found(methods["online"]) if "online" in methods else ())),
+            *section("In the frequency domain", *(_found(methods["frequency-domain"]) if "frequency-domain" in methods else ())),
+            *section("Against the reference", _differences(reference) if reference else None),
+            *section("The bank of delays", _bank(content["bank"])),
+            *section("How it was made", fixed_table("What was held", {key: (each["value"], each["unit"]) for key, each in content["fixed"].items()})),
+        ),
+        reproduction=reproduction(
+            ["flightid", "watch", name, "--model", "loes"], as_sentence(f"the stream ended: {stream['ended']}"), [("rows", name, digest)]
+        ),
+        created=now(),
+    )
+
+
+def against(outside: Sequence[str], hanging: Sequence[str], compared: int) -> str:
+    """How a stream stands against its reference: quantities ``outside`` it, how many were ``compared``, and which hang on the start instead."""
+    if outside:
+        return f"outside the reference, {len(outside)} of {compared} quantities: {', '.join(outside)}"
+    left = f"; {', '.join(hanging)} not compared, for the start decides" if hanging else ""
+    return (f"every quantity that was compared agrees with its reference, {compared} of them" if compared else "nothing was compared") + left
+
+
+def _found(content: Mapping[str, Any]) -> list[Block]:
+    rows = [Row(name, each["unit"], each["estimate"], each["std"]) for name, each in content["parameters"].items()]
+    derived = {name: (each["estimate"], each["std"]) for name, each in content["derived"].items()}
+    return [estimates_table("Parameters", rows), *([derived_table("What follows from them", derived)] if derived else [])]
+
+
+def _differences(reference: Mapping[str, Any]) -> Table:
+    columns = Column("quantity"), Column("reference ± σ", BY_ROW), Column("apart", "σ"), Column("remark")
+    rows: list[tuple[Cell, ...]] = []
+    for each in reference["differences"]:
+        known = estimate(each["reference"], each["reference_std"])
+        rows.append((each["name"], known, Number(each["sigmas"], digits=1, signed=True), "outside" if each["outside"] else ""))
+    caption = f"The last estimate against {reference['study']}"
+    return Table(caption, columns, tuple(rows), tuple(each["unit"] or PURE for each in reference["differences"]))
+
+
+def _bank(bank: Mapping[str, Any]) -> Table:
+    rows = tuple(
+        (Number(float(delay)), Number(float(weight), shown=f"{weight:.3g}")) for delay, weight in zip(bank["delays"], bank["weights"], strict=True)
+    )
+    return Table("Likelihood of each delay by the plain filters", (Column("delay", "s"), Column("likelihood", PURE)), rows)
+
+
+# ---- What a watch leaves behind
 
 FREQUENCY = "frequency.csv"  # beside the history of the bank
 FILES = ("comparison.json", NAME, FREQUENCY, "record.csv", "record.json", CONTENT, PAGE)

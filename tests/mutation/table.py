@@ -91,7 +91,7 @@ ONCE_UNNOTICED = (
         ("loop.integral / loop.rate / (1.0 - later)", "loop.integral * loop.rate / (1.0 - later)"),
     ),
     *changes(
-        "scenarios/maneuver_design/kinds.py",
+        "scenarios/maneuver_design/setting.py",
         ("tests/unit/scenarios/maneuver_design/test_coherence.py",),
         ("room.corner(i) / (low * (high / low) ** at)", "room.corner(i) / low"),
         ("room.corner(i) * period / (2.0 * math.pi * harmonic)", "room.corner(i) * period / harmonic"),
@@ -118,7 +118,7 @@ ONCE_UNNOTICED = (
         ("if count > MOST_SAMPLES", "if count >= MOST_SAMPLES"),
     ),
     *changes(
-        "scenarios/maneuver_design/content.py",
+        "scenarios/maneuver_design/report.py",
         SETTING,
         ('maneuver.flight.bound_by or "amplitude"', 'maneuver.flight.bound_by and "amplitude"'),
         ('maneuver.flight.bound_by or "amplitude"', "maneuver.flight.bound_by"),
@@ -348,7 +348,7 @@ IDENT = (
         ("(math.pi / length) ** 2 * (below + above)", "(math.pi / length) ** 2 * (below - above)"),
     ),
     *changes(
-        "ident/frequency_response/regression.py",
+        "ident/frequency_response/segments.py",
         ("tests/unit/ident/frequency_response/test_estimate.py",),
         ("lowered = 2.0 * crossed -", "lowered = crossed -"),
         ("0.5 * spectrum[:, None, None]", "spectrum[:, None, None]"),
@@ -417,18 +417,18 @@ IDENT = (
         ("(count + 1) // 2", "count // 2 + 1"),
     ),
     *changes(
-        "ident/frequency_domain/response.py",
+        "ident/frequency_domain/transform.py",
         ("tests/unit/ident/frequency_domain/test_response.py",),
         ("before if share > 0.0 else now", "now"),
     ),
     *changes(
-        "ident/frequency_domain/noise_spectrum.py",
+        "ident/frequency_domain/transform.py",
         ("tests/unit/ident/frequency_domain/test_fit.py",),
         ("ratio = 2.0 * np.sum", "ratio = np.sum"),
     ),
     *changes(
-        "ident/maneuver_design/decision.py",
-        ("tests/unit/ident/maneuver_design/test_rivalry.py",),
+        "ident/maneuver_design.py",
+        ("tests/unit/ident/test_rivalry.py",),
         ("2.0 * squares * share", "4.0 * squares * share"),
         ("8.0 * gain + 2.0 * own", "4.0 * gain + 2.0 * own"),
     ),
@@ -583,12 +583,12 @@ SCENARIOS = (
         ('0 if side == "lower" else 1', '1 if side == "lower" else 0'),
     ),
     *changes(
-        "scenarios/watching/estimates.py",
+        "scenarios/watching/study.py",
         ("tests/unit/scenarios/watching/test_estimates.py",),
         ("ndtr((between - value) /", "ndtr((value - between) /"),
     ),
     *changes(
-        "scenarios/watching/history.py",
+        "scenarios/watching/study.py",
         ("tests/unit/scenarios/watching/test_history.py",),
         ("np.sqrt(np.maximum(variance, 0.0))", "np.maximum(variance, 0.0)"),
     ),
@@ -636,7 +636,7 @@ SCENARIOS = (
         ("record[name].values - record[name].values[0]", "record[name].values"),
     ),
     *changes(
-        "scenarios/maneuver_design/limits.py",
+        "scenarios/maneuver_design/setting.py",
         ("tests/unit/scenarios/maneuver_design/test_setting.py",),
         ("else -abs(high))", "else -np.inf)"),
     ),

@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from ident.maneuver_design.decision import CLEAR
-from ident.maneuver_design.rivalry import ODDS_COST, Acting, price
+from ident.maneuver_design import CLEAR, ODDS_COST, Acting, price
 from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, fit_set
 from ident.whole_record.layout import FitSettings
-from scenarios.maneuver_design.asked import Asked
-from scenarios.maneuver_design.design import Design, design
-from scenarios.maneuver_design.kinds import as_held
+from scenarios.maneuver_design.design import DesignResult, design
+from scenarios.maneuver_design.setting import DesignRequest, as_held
 from sim.declaration.model import Noise
 from sim.record import Record
 from sim.truth.flight import fly, remeasure
@@ -39,16 +37,16 @@ FLIGHTS = 100
 # Near-aliases by the library's own word, at sizes that a short maneuver finds and hardly tells.
 ROUGH = ("alpha=0.0012", "q=0.0015")
 PAIRS = {
-    "vane ahead or slow": Asked("rigid", tell=("vane-offset", "sensor-lag:alpha"), size="arm=0.5"),
-    "vane ahead or late": Asked("rigid", tell=("vane-offset", "sensor-delay:alpha"), size="arm=0.4"),
-    "late or slow input": Asked("rigid", tell=("input-delay", "actuator-lag"), size="delay=0.01", noise=ROUGH),
-    "stops or break-out": Asked("rigid", tell=("actuator-saturation", "input-deadband"), size="limit=0.0294", amplitude=("elevator=0.03",)),
-    "stops or curve": Asked("rigid", tell=("actuator-saturation", "control-nonlinearity"), size="limit=0.029", amplitude=("elevator=0.03",)),
+    "vane ahead or slow": DesignRequest("rigid", tell=("vane-offset", "sensor-lag:alpha"), size="arm=0.5"),
+    "vane ahead or late": DesignRequest("rigid", tell=("vane-offset", "sensor-delay:alpha"), size="arm=0.4"),
+    "late or slow input": DesignRequest("rigid", tell=("input-delay", "actuator-lag"), size="delay=0.01", noise=ROUGH),
+    "stops or break-out": DesignRequest("rigid", tell=("actuator-saturation", "input-deadband"), size="limit=0.0294", amplitude=("elevator=0.03",)),
+    "stops or curve": DesignRequest("rigid", tell=("actuator-saturation", "control-nonlinearity"), size="limit=0.029", amplitude=("elevator=0.03",)),
 }
 UNLIKELY = 1e-3  # of fewer decisions than were seen, if the promise holds
 
 
-def flights(found: Design, true: Acting, count: int) -> list[Record]:
+def flights(found: DesignResult, true: Acting, count: int) -> list[Record]:
     """The best maneuver flown with an effect, by the truth generator, in finer steps, each with noise of its own."""
     setting = found.setting
     noise = Noise(dict(setting.noise))
@@ -57,7 +55,7 @@ def flights(found: Design, true: Acting, count: int) -> list[Record]:
     return [remeasure(record, truth, np.random.default_rng(seed)) for seed in range(count)]
 
 
-def decides(record: Record, found: Design, true: Acting, rival: Acting) -> bool:
+def decides(record: Record, found: DesignResult, true: Acting, rival: Acting) -> bool:
     """Whether fits of both effects and of neither, as the loop makes them, find the true one and prefer it by enough."""
     outputs = tuple(found.setting.noise)
     data = FitData((record,), (np.ones((len(outputs), len(record)), dtype=bool),), found.setting.model, outputs)

@@ -10,8 +10,8 @@ from scipy.stats import binom
 
 from ident.flying_qualities.levels import qualities
 from scenarios.files.vehicles import VehicleFile
-from scenarios.watching.estimates import SoFar, likely_estimate, plain_so_far, so_far
 from scenarios.watching.session import STARTED, Session, take
+from scenarios.watching.study import SoFar, likely_estimate, plain_so_far, so_far
 from tests import loes_problem as problem
 from tests.bases import LOES_CONSTANTS, LOES_VALUES
 

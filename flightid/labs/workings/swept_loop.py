@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from flightid.labs.workings.trying import KEPT
 
 if TYPE_CHECKING:
-    from scenarios.responses.analysis import Responses
+    from scenarios.responses.analysis import ResponseEstimates
     from scenarios.trials.sweeps.study import SweepStudy
 
 SCENARIO = "uav-sweep"
@@ -40,17 +40,17 @@ def study(asked: tuple[str, ...], seed: int = 1) -> SweepStudy:
 
 
 @lru_cache(KEPT)
-def without_excitation(asked: tuple[str, ...], seed: int = 1) -> Responses:
+def without_excitation(asked: tuple[str, ...], seed: int = 1) -> ResponseEstimates:
     """The broken-loop response of the same flights by the direct estimate, which does not know the sweep."""
     from scenarios.files.writing import write_record
     from scenarios.preparation.plan import Request
-    from scenarios.responses.analysis import Options, responses_of
+    from scenarios.responses.analysis import ResponseOptions, responses_of
     from scenarios.responses.reading import Names
 
     found = study(asked, seed)
     with TemporaryDirectory(prefix="flightid-") as folder:
         paths = tuple(write_record(Path(folder), record, f"flight{n}", simulated=True)[0] for n, record in enumerate(found.records, 1))
-        return responses_of(Request(paths), Names(("command",), ("returned",)), Options(found.scenario.band), margins="minus")
+        return responses_of(Request(paths), Names(("command",), ("returned",)), ResponseOptions(found.scenario.band), margins="minus")
 
 
 def numbers(gain: float = 0.22, delay: float = 32.0, amplitude: float = 0.15, gyro: float = 1.0) -> dict[str, float]:

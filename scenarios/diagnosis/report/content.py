@@ -24,7 +24,7 @@ from scenarios.files.user_models import channel_units
 from scenarios.preparation.recording import record_content
 
 if TYPE_CHECKING:
-    from scenarios.maneuver_design.design import Design
+    from scenarios.maneuver_design.design import DesignResult
 
 SCHEMA = "flightid/diagnosis/2"
 DECIDES = "decides.csv"  # the input to be flown, beside the diagnosis
@@ -80,9 +80,9 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
     return content | ({"compatibility": kinematics_content(kinematics, d.effects, wording)} if kinematics is not None else {})
 
 
-def _decides(found: Design) -> dict[str, Any]:
+def _decides(found: DesignResult) -> dict[str, Any]:
     """The maneuver that would decide, as ``design.json`` has it, and where it stands."""
-    from scenarios.maneuver_design.content import maneuver_content
+    from scenarios.maneuver_design.report import maneuver_content
 
     names = [each.effect.name for each in found.acting]
     best = found.best

@@ -65,7 +65,7 @@ def write_diagnosis(
         if kept is not None:
             write_kept(scratch, kept)
         if tracing.decides is not None:
-            from scenarios.maneuver_design.files import write_maneuver
+            from scenarios.maneuver_design.report import write_maneuver
 
             write_maneuver(scratch, tracing.decides.best, Path(DECIDES).stem)
         write_json(scratch / MAIN, content)

@@ -150,7 +150,7 @@ def deciding_lines(tracing: Tracing) -> list[str]:
     """The designed maneuver that would decide an ambiguous diagnosis, with its chance, and the command that designs it again."""
     if tracing.decides is None:
         return []
-    from scenarios.maneuver_design.text import verdict_of
+    from scenarios.maneuver_design.report import verdict_of
 
     word, _, told = verdict_of(tracing.decides).partition(": ")
     return [f"{'the next flight' if word == 'FLY' else 'no flight helps'}: {told}", f"designed by: {tracing.decides.asked.command()}"]

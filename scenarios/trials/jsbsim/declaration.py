@@ -1,9 +1,25 @@
-"""What a flight by JSBSim declares: aircraft, condition, axis, maneuver, recording, and faults that are put into the record."""
+"""Declaration of a flight by JSBSim: aircraft, condition, maneuvers, and faults put into it.
+
+A surface's fault lies between its record and the surface: the aircraft did what it did, and the record is what would have led to it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import importlib.util
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from scenarios.files.declarations import closest
+from sim.errors import DeclarationError
+from sim.maneuvers import Maneuver, Sum, doublet, orthogonal_multisines, three_two_one_one
+
+# ---- What a flight by JSBSim declares
 
 # Axis -> controls that are moved, and the models that the record is for.
 CONTROLS: Mapping[str, tuple[str, ...]] = {
@@ -61,3 +77,188 @@ class JsbsimFlight:
     backlash: Mapping[str, float] = field(default_factory=dict)
     vane_ahead: float = 0.0
     seed: int = 1
+
+
+# ---- The aircraft of the JSBSim package
+
+FOOT, KNOT = 0.3048, 1852.0 / 3600.0
+REMEDY = "pip install 'flightid[jsbsim]'"
+
+
+def _at(feet: float, knots: float) -> tuple[float, float]:
+    return feet * FOOT, knots * KNOT
+
+
+# Altitude (m) and true airspeed (m/s) of level flight that stays level, in the middle of each envelope.
+CONDITIONS: Mapping[str, tuple[float, float]] = {
+    **{"c172x": _at(5000, 105), "c172p": _at(5000, 105), "t6texan2": _at(8000, 220), "OV10": _at(5000, 210)},
+    **{"A320": _at(20000, 380), "MD11": _at(20000, 400), "737": _at(20000, 380), "B747": _at(20000, 400), "fokker100": _at(15000, 260)},
+    **{"F4N": _at(15000, 430), "T38": _at(15000, 380), "T37": _at(12000, 280), "f104": _at(20000, 520), "Concorde": _at(20000, 480)},
+}
+_PUSHBACK = tuple(f"/sim/model/pushback/{name}" for name in ("position-norm", "kp", "ki", "kd", "force", "target-speed-fps"))
+# Properties of another program that an aircraft's files read and that must exist.
+NEEDS: Mapping[str, tuple[str, ...]] = {"fokker100": ("/gear/gear/wow", *_PUSHBACK), "f104": ("systems/radar/range",)}
+# Travel (rad) of a surface that is given in parts of it only; 20 degrees where nothing is known.
+TRAVEL: Mapping[tuple[str, str], float] = {("T38", "elevator"): 0.297}
+USUAL_TRAVEL = math.radians(20.0)
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The property that the air loads read, and what it is to be multiplied with to be radians."""
+
+    property: str
+    scale: float
+
+
+def package_folder() -> Path:
+    """Where JSBSim is installed; DeclarationError where it is not."""
+    found = importlib.util.find_spec("jsbsim")
+    if found is None or found.origin is None:
+        raise DeclarationError("JSBSim is not installed, and this flight is one of its", where="flightid simulate", remedy=REMEDY)
+    return Path(found.origin).parent
+
+
+def known_aircraft(name: str, where: str) -> None:
+    """DeclarationError where the package has no such aircraft."""
+    names = sorted(path.name for path in (package_folder() / "aircraft").iterdir() if (path / f"{path.name}.xml").is_file())
+    if name not in names:
+        raise DeclarationError(f"JSBSim has no aircraft {name!r}", where=where, remedy=closest(name, names))
+
+
+def surfaces_of(name: str) -> dict[str, Surface]:
+    """Of each surface the property that the air loads of an aircraft read most often; one that they never read is left out."""
+    counted = Counter(_read_by_loads(package_folder() / "aircraft" / name / f"{name}.xml"))
+    found = {}
+    for surface in SURFACES:
+        mine = [(count, prop) for prop, count in counted.items() if surface in prop and "mag-" not in prop and "cmd" not in prop]
+        if mine:
+            prop = max(mine)[1]
+            found[surface] = Surface(prop, _scale(name, surface, prop))
+    return found
+
+
+def _scale(name: str, surface: str, prop: str) -> float:
+    if prop.endswith("-norm"):
+        return TRAVEL.get((name, surface), USUAL_TRAVEL)
+    return math.radians(1.0) if prop.endswith("-deg") else 1.0
+
+
+def _read_by_loads(path: Path) -> Iterator[str]:
+    """Every property that an aircraft's aerodynamics read, as often as they do."""
+    for section in ElementTree.parse(path).getroot().iter("aerodynamics"):
+        other = section.get("file")
+        if other:
+            section = ElementTree.parse((path.parent / other).with_suffix(".xml")).getroot()
+        for element in section.iter():
+            if element.tag in ("property", "independentVar", "p") and element.text:
+                yield element.text.strip().lstrip("-")
+
+
+# ---- Faults of sensors and surfaces
+
+Signals = Mapping[str, np.ndarray]
+STILL = 1e-9  # rad of one frame, below which a surface stands
+
+
+def spoiled(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
+    """The signals as the recorder is given them: vanes ahead, then late sensors, then surfaces that answer late or with play."""
+    shown, time = dict(signals), signals["time"]
+    if flight.vane_ahead:
+        # A point ahead of the centre of gravity moves up in pitching up and to the right in yawing right.
+        shown["alpha"] = shown["alpha"] - flight.vane_ahead * shown["q"] / shown["airspeed"]
+        shown["beta"] = shown["beta"] + flight.vane_ahead * shown["r"] / shown["airspeed"]
+    for name, half in flight.backlash.items():
+        shown[name] = ahead_of_play(shown[name], half)
+    for name, delay in flight.late.items():
+        # What a surface does late was recorded early.
+        shown[name] = np.interp(time + delay if name in SURFACES else time - delay, time, shown[name])
+    return shown
+
+
+def ahead_of_play(surface: np.ndarray, half: float) -> np.ndarray:
+    """A drive that moves a surface just so through a play of ``half`` to either side.
+
+    While the surface moves the drive is ``half`` ahead of it; while it stands, the drive crosses the play at its own pace, here evenly from one
+    motion to the next. It begins in the middle.
+    """
+    moving = np.sign(np.where(np.abs(np.diff(surface)) > STILL, np.diff(surface), 0.0))
+    at = np.flatnonzero(moving)
+    if len(at) == 0:
+        return surface.copy()
+    # Frame k + 1 is reached by motion k.
+    return np.asarray(surface + half * np.interp(np.arange(len(surface)), [0, *(at + 1)], [0.0, *moving[at]]))
+
+
+def named(flight: JsbsimFlight) -> dict[str, dict[str, float]]:
+    """What was put in, under the names of the library of effects where it has one."""
+    found: dict[str, dict[str, float]] = {}
+    for name, delay in flight.late.items():
+        found[f"{'input' if name in SURFACES else 'sensor'}-delay:{name}"] = {"delay": delay}
+    for name, half in flight.backlash.items():
+        found[f"input-backlash:{name}"] = {"half_width": half}
+    if flight.vane_ahead:
+        found["vane-offset"] = {"arm": flight.vane_ahead}
+    if flight.rough_air:
+        found["gust-turbulence"] = {"class_of_exceedance": float(flight.rough_air)}
+    return found
+
+
+# ---- Commands of a flight
+
+HAND = 0.15  # s that a hand takes from one level to the next
+QUIET = 2.0  # s before anything moves
+HIGHEST = 2.2  # of a multisine, over the frequency of the mode
+CREST = 0.5  # rms of a multisine over its peak
+LEVER = 5.0  # s that a throttle is held
+# When a control first moves and when again, in parts of the record.
+SLOTS: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "rigid": {"elevator": (0.0, 0.55)},
+    "longitudinal": {"elevator": (0.0, 0.72), "throttle": (0.3, 0.52)},
+    "lateral": {"rudder": (0.0, 0.55), "aileron": (0.3, 0.8)},
+    "both": {"elevator": (0.0, 0.55), "rudder": (0.2, 0.7), "aileron": (0.38, 0.86)},
+}
+
+
+def commands(flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float], time: np.ndarray) -> dict[str, np.ndarray]:
+    """By control what is added to its trim at each frame: rad, of the throttle parts of full travel.
+
+    ``sizes`` : peak by control; ``units`` : by control the step of a 3-2-1-1 that suits the mode it excites, s.
+    """
+    moves = _multisines(flight, sizes, units) if flight.maneuver == "multisine" else {}
+    for control in CONTROLS[flight.axis]:
+        if control not in moves:
+            moves[control] = _steps(flight, control, sizes[control], units[control])
+    return {control: by_hand(move(time), time) for control, move in moves.items()}
+
+
+def by_hand(values: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """The mean of a command over the last ``HAND`` seconds: steps become ramps."""
+    width = max(1, round(HAND / float(time[1] - time[0])))
+    whole = np.concatenate([np.zeros(width), np.cumsum(values)])
+    return np.asarray((whole[width:] - whole[:-width]) / width)
+
+
+def rehearsal(control: str, size: float, unit: float, time: np.ndarray) -> dict[str, np.ndarray]:
+    """One control alone: its 3-2-1-1 soon after the start."""
+    return {control: by_hand(three_two_one_one(size, unit, 0.5)(time), time)}
+
+
+def _steps(flight: JsbsimFlight, control: str, size: float, unit: float) -> Maneuver:
+    first, again = (QUIET + share * (flight.duration - QUIET) for share in SLOTS[flight.axis][control])
+    if control == "throttle":
+        # In proportion where the record is short.
+        held = min(LEVER, 0.1 * flight.duration)
+        return Sum((doublet(size, held, first), doublet(-0.7 * size, 0.6 * held, again)))
+    if flight.maneuver == "doublet":
+        return Sum((doublet(size, 1.7 * unit, first), doublet(-0.8 * size, unit, again)))
+    return Sum((three_two_one_one(size, unit, first), doublet(-0.8 * size, 1.5 * unit, again)))
+
+
+def _multisines(flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float]) -> dict[str, Maneuver]:
+    """Mutually orthogonal multisines on the surfaces, up to somewhat above the fastest mode (unit = 1.6/frequency)."""
+    moved = [control for control in CONTROLS[flight.axis] if control != "throttle"]
+    period = flight.duration - QUIET - 1.0
+    highest = max(3 * len(moved), round(period * HIGHEST * 1.6 / min(units[control] for control in moved) / (2.0 * np.pi)))
+    made = orthogonal_multisines([CREST * sizes[control] for control in moved], period, 2, highest, QUIET)
+    return dict(zip(moved, made, strict=True))

@@ -1,21 +1,35 @@
-"""A flight by JSBSim from its declaration: rehearsed for the size and the truth, flown, spoiled, sampled."""
+"""A flight by JSBSim from its declaration to its record, vehicle files and truth."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from scenarios.trials.jsbsim.aircraft import surfaces_of
-from scenarios.trials.jsbsim.declaration import CONTROLS, INPUTS, MODELS, OUTPUTS, SURFACES, JsbsimFlight
-from scenarios.trials.jsbsim.derivatives import Slopes, constants_of, slopes_of
-from scenarios.trials.jsbsim.faults import spoiled
-from scenarios.trials.jsbsim.machine import FRAMES, Condition, Flown, fly
-from scenarios.trials.jsbsim.maneuvers import commands, rehearsal
+from scenarios.files.sources import versions
+from scenarios.files.writing import write_json, write_record
+from scenarios.trials.jsbsim.declaration import (
+    CONTROLS,
+    INPUTS,
+    MODELS,
+    OUTPUTS,
+    SURFACES,
+    JsbsimFlight,
+    commands,
+    named,
+    rehearsal,
+    spoiled,
+    surfaces_of,
+)
+from scenarios.trials.jsbsim.machine import FRAMES, Condition, JsbsimSignals, Slopes, constants_of, fly, slopes_of
 from sim.errors import DeclarationError
 from sim.record import Channel, Hold, Record
+
+# ---- A flight by JSBSim from its declaration
 
 REHEARSAL = 12.0  # s
 ROUNDS, NEAR = 4, 0.15  # of rehearsals; a size is near enough within this share
@@ -94,7 +108,7 @@ def units_of(calm: Condition) -> dict[str, float]:
     return {control: float(np.clip(unit, *UNITS)) for control, unit in step.items()} | {"throttle": 1.0}
 
 
-def _frequency(flown: Flown, moment: str, by: tuple[str, ...], inertia: float) -> float:
+def _frequency(flown: JsbsimSignals, moment: str, by: tuple[str, ...], inertia: float) -> float:
     """Root of the stiffness over the inertia, rad/s: what a moment owes to the first of the signals."""
     matrix = np.stack([np.ones(len(flown["time"])), *(flown[name] - flown[name][0] for name in by if name in flown.signals)], axis=1)
     stiffness = float(np.linalg.lstsq(matrix, flown[moment], rcond=None)[0][1]) / inertia
@@ -113,7 +127,7 @@ def _sized(calm: Condition, control: str, unit: float) -> float:
     return size
 
 
-def _small_motion(calm: Condition, flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float], time: np.ndarray) -> Flown:
+def _small_motion(calm: Condition, flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float], time: np.ndarray) -> JsbsimSignals:
     """The 3-2-1-1 of the flight a tenth as large, in calm air; larger where the play of a linkage swallows it."""
     share = SMALL
     while True:
@@ -126,7 +140,7 @@ def _small_motion(calm: Condition, flight: JsbsimFlight, sizes: Mapping[str, flo
         share = min(1.0, 2.0 * share)
 
 
-def _recorded(flight: JsbsimFlight, flown: Flown, frames: int, rng: np.random.Generator) -> Record:
+def _recorded(flight: JsbsimFlight, flown: JsbsimSignals, frames: int, rng: np.random.Generator) -> Record:
     """Every so many frames, white Gaussian noise on each output, none on surfaces and thrust."""
     signals = dict(flown.signals)
     signals |= {f"a{axis}": signals[f"force_{axis}"] / signals["mass"] for axis in "xyz"}
@@ -139,3 +153,50 @@ def _recorded(flight: JsbsimFlight, flown: Flown, frames: int, rng: np.random.Ge
     inputs = tuple(Channel.of(name, unit, shown[name][rows]) for name, unit in INPUTS.items() if name in shown)
     time = np.arange(len(shown["time"][rows])) / flight.rate
     return Record(time, inputs, tuple(outputs), Hold.LINEAR, f"{flight.aircraft}_{flight.axis}")
+
+
+# ---- The files of a flight by JSBSim
+
+STARTS_APART = 1_000_003  # between the seeds of sensors and those of starting values
+FELT = 1e-3  # share of a load's spread: a derivative that moves less is zero for a fit
+
+
+def write_jsbsim(flight: JsbsimFlight, seed: int, record: Record, truth: JsbsimTruth, folder: Path, stem: str) -> tuple[dict[str, Path], Path]:
+    """``stem.csv`` with its sidecar, ``stem_MODEL.toml`` for each model, ``stem_truth.json``; vehicle files by model, and the truth's path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_record(folder, record, stem, simulated=True)
+    rng = np.random.default_rng((STARTS_APART, seed))
+    vehicles = {}
+    for model, constants in truth.constants.items():
+        vehicles[model] = folder / f"{stem}_{model}.toml"
+        text = vehicle_text(flight, constants, truth.about_trim[model], rng)
+        vehicles[model].write_text(text, encoding="utf-8", newline="\n")
+    path = folder / f"{stem}_truth.json"
+    write_json(path, truth_content(flight, seed, truth))
+    return vehicles, path
+
+
+def vehicle_text(flight: JsbsimFlight, constants: Mapping[str, float], slopes: Slopes, rng: np.random.Generator) -> str:
+    """A vehicle file: constants as JSBSim has them, derivatives wrong by up to ``wrong``; those that move nothing left out."""
+    lines = [f'name = "{flight.aircraft}"', *(f"{name} = {value!r}" for name, value in constants.items()), "[derivatives]"]
+    for name, value in slopes.values.items():
+        start = value * (1.0 + flight.wrong * rng.uniform(-1.0, 1.0))
+        if slopes.weight.get(name, 1.0) > FELT:
+            lines.append(f"{name} = {start:.4g}")
+    return "\n".join(lines) + "\n"
+
+
+def truth_content(flight: JsbsimFlight, seed: int, truth: JsbsimTruth) -> dict[str, Any]:
+    """Derivatives about trim and over the maneuver by model, what was put in, and how the flight was made."""
+    made = {key: value for key, value in asdict(flight).items() if key not in ("name", "title", "about", "seed")}
+    return {
+        "schema": "flightid/truth/1",
+        "parameters": {model: dict(found.values) for model, found in truth.about_trim.items()},
+        "in_maneuver": {model: dict(found.values) for model, found in truth.in_maneuver.items()},
+        "variance_left": {model: found.left for model, found in truth.in_maneuver.items()},
+        "hidden": named(flight),
+        "flight": made,
+        "controls": dict(truth.sizes),
+        "seed": seed,
+        "versions": versions(),
+    }

@@ -10,8 +10,7 @@ from pydantic import BaseModel, Field
 from scenarios.files.declarations import checked, closest
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.studies.schema import Quantity, positive, si
-from scenarios.trials.jsbsim.aircraft import CONDITIONS, known_aircraft
-from scenarios.trials.jsbsim.declaration import CONTROLS, DURATIONS, MANEUVERS, OUTPUTS, SURFACES, JsbsimFlight
+from scenarios.trials.jsbsim.declaration import CONDITIONS, CONTROLS, DURATIONS, MANEUVERS, OUTPUTS, SURFACES, JsbsimFlight, known_aircraft
 from sim.errors import DeclarationError
 
 SHORTEST, FASTEST = 8.0, 400.0  # s, Hz

@@ -11,8 +11,7 @@ import numpy as np
 
 from scenarios.studies.declaration import ManeuverPlan
 from scenarios.studies.estimating import held_alike, maneuvers_by_input, resting
-from scenarios.trials.planted.declaration import RecordPlan, TraceFlight, TraceScenario
-from scenarios.trials.planted.hiding import CLOSED_LOOP, true_vehicle, with_breakout, with_hidden
+from scenarios.trials.planted.declaration import CLOSED_LOOP, RecordPlan, TraceFlight, TraceScenario, true_vehicle, with_breakout, with_hidden
 from sim.closed_loop.airframe import X29
 from sim.closed_loop.linear import EquivalentSystem
 from sim.declaration.effect import Parameter

@@ -13,8 +13,7 @@ from scenarios.files.vehicles import MODELS
 from scenarios.studies.declaration import ManeuverPlan
 from scenarios.studies.reading import maneuver_plans, model_files, own_vehicle_of, refuse_other_equations
 from scenarios.studies.schema import ManeuverTable, Quantity, model_name, positive, si, standard_deviations
-from scenarios.trials.planted.declaration import Expectation, HiddenTerm, RecordPlan, TraceFlight, TraceScenario
-from scenarios.trials.planted.hiding import hidden_units
+from scenarios.trials.planted.declaration import Expectation, HiddenTerm, RecordPlan, TraceFlight, TraceScenario, hidden_units
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
 

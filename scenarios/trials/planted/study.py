@@ -1,34 +1,310 @@
-"""Runs a tracing scenario: fly, hand the files to the loop, score what it says against the truth."""
+"""Runs a tracing scenario: fly, diagnose, compare with the truth that a fit can find.
+
+An estimate of a model that is not the truth's own scatters about its pseudo-true value, the minimum of the expected cost
+(White, Econometrica 50, 1982). It is found here by a fit of the same model, with the same priors, to two copies of the
+noise-free training record. One copy has a draw of sensor noise added, the other has the same draw subtracted: the sum of
+squares of both is twice that of the noise-free record plus twice the noise, so that every output keeps its weight.
+"""
 
 from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
+from types import MappingProxyType
 
-from ident.tracing.diagnosis import Claim, Quantity
+import numpy as np
+
+from ident.estimate import Estimate
+from ident.flying_qualities.modes import modal_estimate, propagated, slowest_oscillation
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing.candidate_model.fitted_model import carried, compiled_with, fit_as_declared, known_beforehand, local_names
+from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Trained
 from ident.tracing.later_record import Predicted, predict
+from ident.whole_record.gauss_newton import Fit
+from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
+from ident.whole_record.output_error import estimate_of
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.keeping import SPIKES
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.preparation.plan import Request
-from scenarios.trials.planted.comparable import (
-    Comparable,
-    Truth,
-    comparable_before,
-    comparable_to,
-    estimated_modes,
-    quantities_of,
-    reasons_for,
-    true_modes,
-)
-from scenarios.trials.planted.declaration import Expectation, TraceScenario
-from scenarios.trials.planted.flights import FlownTrace, equivalent_of, fly_trace, write_flown
-from scenarios.trials.planted.hiding import CLOSED_LOOP, true_vehicle
+from scenarios.trials.planted.declaration import CLOSED_LOOP, Expectation, TraceScenario, true_vehicle
+from scenarios.trials.planted.flights import FlownTrace, equivalent_of, fly_loop, fly_trace, loop_of, with_outputs, write_flown
+from sim.declaration.compile import compile_model
+from sim.declaration.effect import DynamicsEffect, full_name
+from sim.declaration.model import Model, System
+from sim.maths import complex_step_jacobian
+from sim.record import Record
 from sim.vehicles.flexibility import condense
+
+# ---- Comparable truth: what the fitted model finds in the same flight without sensor noise
+
+_NONE: Mapping[str, float] = MappingProxyType({})
+FINER = FitSettings(iterations=120, tolerance=3e-3, enough=2e-4, coloured=False)
+HELD = 100.0  # sigmas of the estimate: the spread of the prior that only decides what the flight leaves open
+OPEN = 3.0  # sigmas of the estimate, beyond which the noise-free flight does not determine a parameter
+TURBULENCE = "gust-turbulence"
+MOVED = 1.0  # sigma of the estimate, from which a difference is told
+SAME = 0.1  # of a sigma: integration and sampling
+NOISE_SEED = 7  # any draw gives the same sum of squares
+
+
+@dataclass(frozen=True)
+class Comparable:
+    """What a fitted model should find.
+
+    Attributes
+    ----------
+    values : by parameter, SI; those of an effect by its full name. derived : frequencies and damping ratios of the fitted
+        model at these values, by name.
+    open : parameters that this flight leaves open, with or without noise: other values fit as well. Of a derivative the
+        condensed value stands for them, of another parameter the value nearest to the estimate.
+    basis : where the values come from, in a sentence.
+    """
+
+    values: Mapping[str, float]
+    derived: Mapping[str, float] = field(default_factory=lambda: _NONE)
+    open: tuple[str, ...] = ()
+    basis: str = ""
+
+
+NOISE_FREE = "the same model fitted to the training flight without sensor noise"
+TRUE = "the true values: a model with process noise has no noise-free fit"
+NO_FIT = "the true values: the fit to the training flight without sensor noise found no minimum"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is known of the flight by declaration.
+
+    Attributes
+    ----------
+    values : true values by parameter, SI; those of an effect by its full name. condensed : derivatives of the rigid
+        aircraft that a flexible one shows when its structure follows at once. modes : elastic modes that act.
+    """
+
+    values: Mapping[str, float]
+    condensed: Mapping[str, float] = field(default_factory=lambda: _NONE)
+    modes: int = 0
+
+
+def comparable_to(tracing: Tracing, flown: FlownTrace, truth: Truth) -> Comparable:
+    """What the model with the effects found should find."""
+    d = tracing.diagnosis
+    assert d.trained_after is not None
+    return _comparable(tracing.model, d.trained_after, quantities_of(d), flown, truth)
+
+
+def comparable_before(tracing: Tracing, flown: FlownTrace, truth: Truth) -> Comparable:
+    """What the declared model alone should find."""
+    d = tracing.diagnosis
+    assert d.trained_before is not None
+    return _comparable(tracing.model, d.trained_before, d.before, flown, truth)
+
+
+def quantities_of(d: Diagnosis) -> dict[str, Quantity]:
+    """The estimates of a diagnosis by parameter, those of an effect by its full name."""
+    effects = d.trained_after.effects if d.trained_after is not None else ()
+    of_effects = {
+        full_name(effect, local): quantity
+        for claim in d.effects
+        for effect in effects
+        if effect.name == claim.name
+        for local, quantity in claim.parameters.items()
+    }
+    return {**d.after, **of_effects}
+
+
+def _comparable(model: Model, trained: Trained, estimates: Mapping[str, Quantity], flown: FlownTrace, truth: Truth) -> Comparable:
+    if has_process_noise(compiled_with(model, trained.effects, trained.outputs)[1]):
+        return Comparable(truth.values, basis=TRUE)
+    fit = noise_free_fit(model, trained, estimates, flown)
+    if fit is None:
+        return Comparable(truth.values, basis=NO_FIT)
+    estimate, layout = estimate_of(fit), fit.layout
+    # Two copies of one record tell twice as much as the record.
+    std = dict(zip(estimate.names, math.sqrt(2.0) * estimate.std, strict=True))
+    values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    # Each copy has its own value of what belongs to one record; their noise is opposite, and cancels in the mean.
+    own = np.mean([fit.theta[layout.columns(r)][len(layout.shared) :] for r in range(2)], axis=0)
+    values |= dict(zip(layout.local, own[: len(layout.local)].tolist(), strict=True))
+    true = truth.values
+    values |= {name: true[name] for name in true if name in values and _same(values[name], true[name], estimates.get(name))}
+    left = tuple(name for name in std if name in estimates and std[name] > OPEN * estimates[name].std)
+    values |= {name: truth.condensed[name] for name in left if name in truth.condensed}
+    derived = modes_of(layout.system, estimate, slow_states(trained), truth.modes)
+    return Comparable(values, {name: value for name, (value, _) in derived.items()}, left, NOISE_FREE)
+
+
+def _same(value: float, true: float, estimate: Quantity | None) -> bool:
+    return estimate is not None and abs(value - true) <= SAME * estimate.std
+
+
+def noise_free_fit(model: Model, trained: Trained, estimates: Mapping[str, Quantity], flown: FlownTrace) -> Fit | None:
+    """The fit of a model to both copies of the noise-free training record, from the estimates; None without a minimum."""
+    rng = np.random.default_rng(NOISE_SEED)
+    clean = flown.noise_free
+    noise = [flown.noise_std[channel.name] * rng.standard_normal(len(clean)) for channel in clean.outputs]
+    pair = [with_outputs(clean, [channel.values + sign * row for channel, row in zip(clean.outputs, noise, strict=True)]) for sign in (1.0, -1.0)]
+    return refit(model, trained, pair, held=estimates)
+
+
+def refit(model: Model, trained: Trained, records: Sequence[Record], held: Mapping[str, Quantity] | None = None) -> Fit | None:
+    """A trained model fitted to records, from what it was trained to; None where there is no finite cost.
+
+    Declared priors count once a record. ``held`` : estimates to which a prior of ``HELD`` sigmas ties what is left open.
+    """
+    _, system = compiled_with(model, trained.effects, trained.outputs)
+    local = [name for effect in trained.effects for name in local_names(effect)]
+    settings = replace(FINER, max_step=trained.settings.max_step)
+    plain = lay_out(records, system, settings, local=local)
+    begin, guesses = carried(plain, None, {**trained.shared, **trained.own[0]})
+    layout = lay_out(records, system, settings, local=local, start=begin)
+    prior = known_beforehand(model, trained.effects, layout)
+    if prior is not None:
+        prior = replace(prior, information=len(records) * prior.information)
+    return fit_as_declared(replace(layout, prior=_tied(layout, prior, held or {})), guesses, None)
+
+
+def _tied(layout: FitLayout, prior: Prior | None, held: Mapping[str, Quantity]) -> Prior | None:
+    """A prior with a weak one about ``held`` added for the shared parameters."""
+    at = [i for i, name in enumerate(layout.shared) if name in held]
+    if not at:
+        return prior
+    means = np.array([held[layout.shared[i]].value for i in at])
+    weights = np.array([(HELD * max(held[layout.shared[i]].std, 1e-150)) ** -2 for i in at])
+    if prior is None:
+        return Prior(np.array(at), means, np.diag(weights))
+    n = len(layout.names)
+    information, slope = np.zeros((n, n)), np.zeros(n)
+    information[np.ix_(prior.positions, prior.positions)] += prior.information
+    slope[prior.positions] += prior.information @ prior.mean
+    information[at, at] += weights
+    slope[at] += weights * means
+    every = np.array(sorted({*prior.positions.tolist(), *at}))
+    both = information[np.ix_(every, every)]
+    return Prior(every, np.linalg.solve(both, slope[every]), both)
+
+
+def reasons_for(scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable) -> tuple[str, ...]:
+    """Why comparable values differ from the true ones, in sentences with numbers."""
+    d = tracing.diagnosis
+    out = []
+    open_derivatives = [name for name in found.open if name in truth.condensed and name in d.after]
+    if open_derivatives:
+        out.append(
+            f"{', '.join(open_derivatives)}: this flight leaves open which share of these loads the elastic mode takes; "
+            "compared with the value by static condensation, the share of the mode at rest included"
+        )
+    others = [name for name in found.open if name not in open_derivatives]
+    if others:
+        out.append(f"{', '.join(others)}: left open by this flight with or without noise; compared with the nearest value that fits it")
+    out += _of_turbulence(tracing, flown)
+    if scenario.flight.vehicle.startswith(CLOSED_LOOP) and found.basis == NOISE_FREE:
+        out += _of_the_gearing(scenario, tracing, flown, truth, found)
+    return tuple(out)
+
+
+def _of_turbulence(tracing: Tracing, flown: FlownTrace) -> list[str]:
+    """How many scale lengths of hidden turbulence a record holds: so many independent gusts its level is estimated from."""
+    length = flown.hidden.get(TURBULENCE, {}).get("length", 0.0)
+    if not length or "airspeed" not in tracing.model.parameters:
+        return []
+    time = flown.train.time
+    count = tracing.model.parameters["airspeed"].value * float(time[-1] - time[0]) / length
+    return [
+        f"{TURBULENCE}: the true values are those of very long records; this one holds {count:.0f} scale lengths, whose own level and "
+        "length differ from them, and standard deviations shrink with the estimate"
+    ]
+
+
+def _of_the_gearing(scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable) -> list[str]:
+    """How much of each difference is the gearing of the stick, by a second noise-free fit to a flight with a straight one."""
+    curvature, d = loop_of(scenario).stick.curvature, tracing.diagnosis
+    _, straight = fly_loop(scenario, scenario.flight.train, "key flight.train", np.random.default_rng(0), curvature=0.0)
+    assert d.trained_after is not None
+    other = _comparable(tracing.model, d.trained_after, quantities_of(d), replace(flown, noise_free=straight), truth)
+    estimates, geared, rest = quantities_of(d), [], []
+    for name, true in truth.values.items():
+        if name not in found.values or name not in estimates:
+            continue
+        if abs(found.values[name] - other.values[name]) > MOVED * estimates[name].std:
+            geared.append(f"{name} {other.values[name]:.4g} with a straight gearing, {found.values[name]:.4g} as flown")
+        if abs(other.values[name] - true) > MOVED * estimates[name].std:
+            rest.append(f"{name} {true:.4g} by the frequency response, {other.values[name]:.4g} in this flight")
+    out = []
+    if geared:
+        out.append(f"the stick's gearing steepens by {100.0 * curvature:.3g} % an inch, and one gain is fitted: {'; '.join(geared)}")
+    if rest:
+        told = "the model has a lower order than the loop, and the flight weighs frequencies unlike the fit to the frequency response"
+        out.append(f"{told} (the recorded stick is held, which takes half a frame from the delay): {'; '.join(rest)}")
+    return out
+
+
+def estimated_modes(tracing: Tracing, modes: int) -> dict[str, Quantity]:
+    """Frequencies and damping ratios of the elastic modes of the fitted model, all couplings in; empty without any."""
+    trained = tracing.diagnosis.trained_after
+    if not modes or trained is None:
+        return {}
+    _, system = compiled_with(tracing.model, trained.effects, trained.outputs)
+    fit = None if has_process_noise(system) else refit(tracing.model, trained, tracing.records)
+    if fit is None:
+        return {}
+    found = modes_of(fit.layout.system, estimate_of(fit), slow_states(trained), modes)
+    return {
+        name: Quantity(value, max(std, 1e-300), "rad/s" if name.endswith("frequency") else "1")
+        for name, (value, std) in found.items()
+        if name.startswith("elastic_mode")
+    }
+
+
+def slow_states(trained: Trained) -> set[str]:
+    """States of motion that any record may have, slower than the modes asked for."""
+    slow = (effect for effect in trained.effects if effect.traits.background and isinstance(effect, DynamicsEffect))
+    return {state.name for effect in slow for state in effect.states}
+
+
+def modes_of(system: System, estimate: Estimate, held: Collection[str] = (), modes: int = 0) -> dict[str, tuple[float, float]]:
+    """Frequencies and damping ratios of an estimated model, with standard deviations, by name.
+
+    Those of ``modal_estimate``; where the aircraft has elastic ``modes`` also those of further oscillations of the model
+    with all couplings, ``elastic_mode_1_frequency`` (rad/s), ``elastic_mode_1_damping`` and so on.
+    """
+    found = modal_estimate(system, estimate, held)
+    if not modes:
+        return found
+    names, centre, gradient = propagated(lambda p: elastic_modes(system, p, held), system, estimate)
+    spread = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", gradient, estimate.covariance, gradient), 0.0))
+    rows = zip(names, centre, spread, strict=True)
+    return found | {name: (float(value), float(std)) for name, value, std in rows}
+
+
+def elastic_modes(system: System, p: np.ndarray, held: Collection[str] = ()) -> dict[str, float]:
+    """Undamped frequency (rad/s) and damping ratio of each oscillation at rest but the slowest, the short period."""
+    n, u = len(system.states), [0.0] * len(system.inputs)
+    F = complex_step_jacobian(lambda x: system.f(0.0, x, u, p.tolist()), [0.0] * n)
+    moving = [i for i, state in enumerate(system.states) if state.name not in held]
+    roots = [root for root in np.linalg.eigvals(F[np.ix_(moving, moving)]) if root.imag > 1e-9]
+    out = {}
+    for number, root in enumerate(sorted(roots, key=abs)[1:], start=1):
+        out[f"elastic_mode_{number}_frequency"] = float(abs(root))
+        out[f"elastic_mode_{number}_damping"] = float(-root.real / abs(root))
+    return out
+
+
+def true_modes(vehicle: Model) -> dict[str, float]:
+    """The same of a true vehicle by its own equations, without a fit."""
+    system = compile_model(vehicle)
+    p = system.parameters.values()
+    short_period = slowest_oscillation(system, p)
+    named = {} if short_period is None else dict(zip(("natural_frequency", "damping_ratio"), short_period, strict=True))
+    return named | elastic_modes(system, p)
+
+
+# ---- Runs a tracing scenario
 
 
 class Grade(Enum):

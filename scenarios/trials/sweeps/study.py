@@ -20,12 +20,11 @@ from scenarios.pages.model import Block, Bullets, Page, Prose, as_sentence, capi
 from scenarios.pages.tables import estimates_table, printed_blocks
 from scenarios.plots.formats import USUAL, Drawn, Formats
 from scenarios.preparation.plan import Request
-from scenarios.responses.analysis import Options, Responses, responses_of
-from scenarios.responses.files import responses_csv
+from scenarios.responses.analysis import ResponseEstimates, ResponseOptions, responses_of
 from scenarios.responses.fitting import FitOptions
 from scenarios.responses.loops import MINUS, UNITS, margin_lines, margins_content
 from scenarios.responses.reading import Names
-from scenarios.responses.text import fit_columns, fit_lines, loop_tables
+from scenarios.responses.report import fit_columns, fit_lines, loop_tables, responses_csv
 from scenarios.studies.comparison import SCHEMA, estimate_content
 from scenarios.studies.rows import Row
 from scenarios.terminal.quantities import console, number_text
@@ -55,8 +54,8 @@ class SweepStudy:
     scenario: SweepScenario
     seed: int
     records: tuple[Record, ...]
-    response: Responses | None
-    loop: Responses
+    response: ResponseEstimates | None
+    loop: ResponseEstimates
     rows: tuple[Row, ...]
     estimate: Estimate
 
@@ -80,7 +79,7 @@ def run_sweep(scenario: SweepScenario, seed: int | None, progress: Callable[[str
     progress("flown", 0.3)
     with TemporaryDirectory(prefix="flightid-") as folder:
         paths = tuple(write_record(Path(folder), record, f"flight{n}", simulated=True)[0] for n, record in enumerate(records, 1))
-        request, options = Request(paths), Options(scenario.band)
+        request, options = Request(paths), ResponseOptions(scenario.band)
         response = None
         if scenario.form:
             names = Names(("command",), (records[0].output_names[1],), ("sweep",))
@@ -91,7 +90,7 @@ def run_sweep(scenario: SweepScenario, seed: int | None, progress: Callable[[str
     return SweepStudy(scenario, chosen, records, response, loop, rows, estimate)
 
 
-def _estimated(scenario: SweepScenario, response: Responses | None, loop: Responses) -> tuple[tuple[Row, ...], Estimate]:
+def _estimated(scenario: SweepScenario, response: ResponseEstimates | None, loop: ResponseEstimates) -> tuple[tuple[Row, ...], Estimate]:
     """Parameters of the fitted form and the margins, with the truth, and as an estimate."""
     true: Mapping[str, float] = {**true_parameters(scenario), **true_margins(scenario)}
     rows, covariance = [], np.zeros((0, 0))

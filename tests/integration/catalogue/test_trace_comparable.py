@@ -13,15 +13,12 @@ import pytest
 from ident.tracing.diagnosis import Requirement, Verdict
 from ident.whole_record.output_error import estimate_of
 from scenarios.studies.catalogue import load_document, scenario_names
-from scenarios.trials.planted import comparable
-from scenarios.trials.planted.comparable import NOISE_FREE, comparable_to, noise_free_fit, quantities_of
-from scenarios.trials.planted.declaration import TraceScenario
-from scenarios.trials.planted.files import write_trace
+from scenarios.trials.planted import study as comparable
+from scenarios.trials.planted.declaration import TraceScenario, true_vehicle
 from scenarios.trials.planted.flights import fly_trace, write_flown
-from scenarios.trials.planted.hiding import true_vehicle
+from scenarios.trials.planted.report import trace_text, write_trace
 from scenarios.trials.planted.schema import trace_scenario_of
-from scenarios.trials.planted.study import Grade, Scored, TraceStudy, run_trace, truth_of
-from scenarios.trials.planted.text import trace_text
+from scenarios.trials.planted.study import NOISE_FREE, Grade, Scored, TraceStudy, comparable_to, noise_free_fit, quantities_of, run_trace, truth_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.maths import complex_step_jacobian

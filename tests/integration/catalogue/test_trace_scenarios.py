@@ -13,9 +13,8 @@ from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.studies.catalogue import load_document, load_scenario, scenario_kind, scenario_names, scenario_text
 from scenarios.studies.estimating import vehicle_model
 from scenarios.studies.schema import unit_of
-from scenarios.trials.planted.declaration import Expectation, TraceScenario
+from scenarios.trials.planted.declaration import OWN, Expectation, TraceScenario, own_terms
 from scenarios.trials.planted.flights import fly_trace, write_flown
-from scenarios.trials.planted.hiding import OWN, own_terms
 from scenarios.trials.planted.schema import trace_scenario_of
 from scenarios.trials.planted.study import Grade, grade, run_trace
 from sim.declaration.model import Noise
@@ -103,8 +102,7 @@ def test_sideslip_is_an_angle_and_no_ballistic_coefficient() -> None:
 
 
 def test_a_study_is_written_with_truth_before_and_after(tmp_path: Path) -> None:
-    from scenarios.trials.planted.files import write_trace
-    from scenarios.trials.planted.text import trace_text
+    from scenarios.trials.planted.report import trace_text, write_trace
 
     study = run_trace(scenario("trace-nothing"))
     assert study.grade is Grade.RIGHT

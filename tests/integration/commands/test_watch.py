@@ -32,12 +32,10 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order import less
 from scenarios.watching import spectral
-from scenarios.watching.estimates import likely_estimate, plain_so_far, so_far
-from scenarios.watching.reference import Reference, read_reference, vehicle_to_watch
-from scenarios.watching.session import Session, record_of, start, take
+from scenarios.watching.reference import Reference, View, live_table, read_reference, standings, vehicle_to_watch
+from scenarios.watching.session import TOGETHER, Session, pieces, record_of, start, take
 from scenarios.watching.spectral import spectral_session
-from scenarios.watching.stream import TOGETHER, pieces
-from scenarios.watching.table import View, live_table, standings
+from scenarios.watching.study import likely_estimate, plain_so_far, so_far
 from sim.record import Record
 from tests import bases
 from tests import loes_problem as problem

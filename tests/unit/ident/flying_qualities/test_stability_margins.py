@@ -16,7 +16,7 @@ from ident.flying_qualities.stability_margins import (
     worst_margins,
 )
 from ident.frequency_response import Signals, Spectra, estimate_responses
-from ident.frequency_response.choices import frequencies, window_lengths
+from ident.frequency_response.estimate import frequencies, window_lengths
 from ident.frequency_response.transfer_function import Target, neighbour_correlation
 from scenarios.responses.fitting import target_of
 from sim.closed_loop.airframe import load_x29

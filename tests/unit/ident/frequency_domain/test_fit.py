@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from ident.estimate import Estimate, Outcome
-from ident.frequency_domain import noise_spectrum
-from ident.frequency_domain.fit import fit_transforms
-from ident.frequency_domain.noise_spectrum import coloured, equal_bands
-from ident.frequency_domain.output_error import FrequencySettings, fit_frequency_domain, frequency_fit, from_best_start
+from ident.frequency_domain import transform
+from ident.frequency_domain.output_error import FrequencySettings, fit_frequency_domain, fit_transforms, frequency_fit, from_best_start
+from ident.frequency_domain.transform import coloured, equal_bands
 from ident.statistics.intervals import clustered_share
 from ident.whole_record.output_error import fit_output_error
 from scenarios.identification.conditions import delays_of
@@ -161,7 +160,7 @@ def test_level_noise_is_not_split() -> None:
 
 def test_level_noise_is_split_as_often_as_is_declared(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 600 draws at a level of one in ten 60, give or take four deviations and what chi-squared misses with 30 harmonics a band."""
-    monkeypatch.setattr(noise_spectrum, "SURE", 0.1)
+    monkeypatch.setattr(transform, "SURE", 0.1)
     rng, accused = np.random.default_rng(10), 0
     bands = equal_bands([np.arange(180.0)])
     for _ in range(600):

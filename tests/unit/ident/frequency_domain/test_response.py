@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.frequency_domain.linear_model import bent, linear_model
-from ident.frequency_domain.response import Delay, response
-from ident.frequency_domain.transform import step_of, transformed, usual_band
+from ident.frequency_domain.transform import Delay, bent, linear_model, response, step_of, transformed, usual_band
 from sim.declaration.compile import compile_model
 from sim.effects.library import find_effect
 from sim.errors import RecordError

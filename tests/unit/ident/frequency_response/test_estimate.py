@@ -10,10 +10,8 @@ import pytest
 from scipy import signal
 
 from ident.frequency_response import FrequencyResponses, Signals, Spectra, estimate_responses
-from ident.frequency_response.choices import decimated, frequencies, input_band, window_lengths
-from ident.frequency_response.estimate import detrended
-from ident.frequency_response.regression import coherences, effective_averages, regress
-from ident.frequency_response.segments import hann_segments, sine_segments
+from ident.frequency_response.estimate import decimated, detrended, frequencies, input_band, window_lengths
+from ident.frequency_response.segments import coherences, effective_averages, hann_segments, regress, sine_segments
 from sim.errors import RecordError
 
 STEP = 0.02

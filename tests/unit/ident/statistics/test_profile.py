@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.frequency_domain import profiled as in_frequency
+from ident.frequency_domain import output_error as in_frequency
 from ident.frequency_domain.output_error import FrequencySettings, covariance_of, frequency_fit
 from ident.statistics.intervals import DROP, LEVEL, ProfileInterval, profile_interval
 from ident.whole_record.gauss_newton import fit_whole_records, profile_intervals

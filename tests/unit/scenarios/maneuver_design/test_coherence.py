@@ -12,10 +12,9 @@ from scipy import signal
 
 import flightid as fid
 from scenarios.cli import main
-from scenarios.maneuver_design.asked import Asked
-from scenarios.maneuver_design.design import Design, design
-from scenarios.maneuver_design.kinds import KINDS, Room, multisines, no_faster, sweeps
-from scenarios.maneuver_design.text import design_text
+from scenarios.maneuver_design.design import DesignResult, design
+from scenarios.maneuver_design.report import design_text
+from scenarios.maneuver_design.setting import KINDS, DesignRequest, Room, multisines, no_faster, sweeps
 from scenarios.plots.maneuvers import figure_coherence
 from sim.declaration.compile import compile_model
 from sim.maths import complex_step_jacobian
@@ -40,8 +39,8 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def planned(vehicle: Path) -> Design:
-    return design(Asked("rigid", vehicle, {"elevator_rate": "20 deg/s"}, band=BAND, noise=("alpha=0.002", "q=0.01")))
+def planned(vehicle: Path) -> DesignResult:
+    return design(DesignRequest("rigid", vehicle, {"elevator_rate": "20 deg/s"}, band=BAND, noise=("alpha=0.002", "q=0.01")))
 
 
 def room(corners: tuple[float, ...] = (), inputs: int = 2, band: tuple[float, float] | None = None) -> Room:
@@ -89,12 +88,12 @@ def test_a_sweep_covers_the_band_and_no_more() -> None:
 
 
 @pytest.fixture(scope="module")
-def louder(vehicle: Path) -> Design:
+def louder(vehicle: Path) -> DesignResult:
     """With noise that decides the coherence, not the change of a sweep's frequency within a window."""
-    return design(Asked("rigid", vehicle, {"elevator_rate": "20 deg/s"}, band=BAND, noise=("alpha=0.012", "q=0.06")))
+    return design(DesignRequest("rigid", vehicle, {"elevator_rate": "20 deg/s"}, band=BAND, noise=("alpha=0.012", "q=0.06")))
 
 
-def test_coherence_is_what_the_power_of_output_and_noise_gives(louder: Design) -> None:
+def test_coherence_is_what_the_power_of_output_and_noise_gives(louder: DesignResult) -> None:
     """Written a second way: Welch's spectrum of the input, the short period's response, white noise."""
     setting = louder.setting
     system = compile_model(setting.model, list(setting.noise))
@@ -117,7 +116,7 @@ def test_coherence_is_what_the_power_of_output_and_noise_gives(louder: Design) -
             assert np.median(np.abs(shown - expected)) < 0.1, (each.kind, row)
 
 
-def test_a_flight_of_it_has_the_coherence_that_was_said(planned: Design) -> None:
+def test_a_flight_of_it_has_the_coherence_that_was_said(planned: DesignResult) -> None:
     """The designed input, flown with fresh noise, through the command's own estimate."""
     best = planned.best
     clean = np.array(best.flight.motion.fit.lines[0].y)
@@ -134,7 +133,7 @@ def test_a_flight_of_it_has_the_coherence_that_was_said(planned: Design) -> None
     assert np.median(np.abs(np.mean(shares, axis=0) - said.coherence[1, 0])) < 0.03
 
 
-def test_more_noise_makes_worse_responses(louder: Design, planned: Design) -> None:
+def test_more_noise_makes_worse_responses(louder: DesignResult, planned: DesignResult) -> None:
     assert louder.best.responses is not None and planned.best.responses is not None
     assert louder.best.responses.criterion > 1.2 * planned.best.responses.criterion
     assert np.all(louder.best.responses.coherence.mean(axis=2) < planned.best.responses.coherence.mean(axis=2))
@@ -162,7 +161,7 @@ def test_the_command_and_python(vehicle: Path, tmp_path: Path, capsys: pytest.Ca
         fid.design("rigid", vehicle, duration=12.0).coherence("q", "elevator")
 
 
-def test_laws_of_its_figure(planned: Design) -> None:
+def test_laws_of_its_figure(planned: DesignResult) -> None:
     kinds = [(each.kind, each.responses) for each in planned.maneuvers]
     drawn = figure_coherence(kinds, "coherence expected")
     assert not broken_laws(drawn) and "multisine" in words(drawn)

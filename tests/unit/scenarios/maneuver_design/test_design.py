@@ -16,13 +16,9 @@ import flightid as fid
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.diagnosis.deciding import deciding_maneuver
 from scenarios.files.records import read_record
-from scenarios.maneuver_design.asked import Asked
-from scenarios.maneuver_design.design import Design, design
-from scenarios.maneuver_design.files import MAIN, write_design
-from scenarios.maneuver_design.kinds import as_held, no_faster
-from scenarios.maneuver_design.limits import offset_of
-from scenarios.maneuver_design.setting import setting_of
-from scenarios.maneuver_design.text import design_text
+from scenarios.maneuver_design.design import DesignResult, design
+from scenarios.maneuver_design.report import MAIN, design_text, write_design
+from scenarios.maneuver_design.setting import DesignRequest, as_held, no_faster, offset_of, setting_of
 from scenarios.preparation.plan import Request
 from sim.errors import DeclarationError
 from sim.maneuvers import least_peak_multisine, peak_factor, schroeder_multisine
@@ -55,18 +51,18 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def told(vehicle: Path) -> Design:
-    return design(Asked("rigid", vehicle, LIMITS, tell=("vane-offset", "sensor-lag:alpha"), size="arm=1 m", duration=12.0))
+def told(vehicle: Path) -> DesignResult:
+    return design(DesignRequest("rigid", vehicle, LIMITS, tell=("vane-offset", "sensor-lag:alpha"), size="arm=1 m", duration=12.0))
 
 
-def extremes(found: Design, record: Record) -> dict[str, tuple[float, float]]:
+def extremes(found: DesignResult, record: Record) -> dict[str, tuple[float, float]]:
     """Of a flight in steps that are five times finer, load factors as totals."""
     flight, _ = fly(found.setting.model, as_held(record), record.time, np.random.default_rng(0), step=0.002)
     offset = {name: offset_of(found.setting.model, name) for name in flight.output_names}
     return {name: (float(flight[name].values.min()) + offset[name], float(flight[name].values.max()) + offset[name]) for name in flight.output_names}
 
 
-def test_a_flight_keeps_the_limits_and_comes_near_one(told: Design) -> None:
+def test_a_flight_keeps_the_limits_and_comes_near_one(told: DesignResult) -> None:
     limits = told.setting.limits
     for each in told.maneuvers:
         record = each.flight.planned.record
@@ -84,7 +80,7 @@ def test_a_flight_keeps_the_limits_and_comes_near_one(told: Design) -> None:
         assert max(shares) > 0.95 or np.max(np.abs(u)) > 0.9 * np.radians(4.0) or each.kind in ("3-2-1-1", "doublet")
 
 
-def test_the_maneuver_reads_back_and_flies_the_same(told: Design, tmp_path: Path) -> None:
+def test_the_maneuver_reads_back_and_flies_the_same(told: DesignResult, tmp_path: Path) -> None:
     write_design(told, tmp_path / "plan", figures=())
     record = read_record(tmp_path / "plan" / "maneuver.csv", ("elevator",))
     assert np.array_equal(record["elevator"].values, told.best.flight.planned.record["elevator"].values)
@@ -96,7 +92,7 @@ def test_the_maneuver_reads_back_and_flies_the_same(told: Design, tmp_path: Path
         assert np.max(np.abs(again[name].values - np.array([float(row[name]) for row in rows]))) < 0.02 * std
 
 
-def test_the_folder_has_a_page_and_strict_json(told: Design, tmp_path: Path) -> None:
+def test_the_folder_has_a_page_and_strict_json(told: DesignResult, tmp_path: Path) -> None:
     folder = write_design(told, tmp_path / "plan", figures=("svg",))
     content = json.loads((folder / MAIN).read_text())
     assert content["schema"] == "flightid/design/1" and content["best"] == told.best.kind
@@ -107,7 +103,7 @@ def test_the_folder_has_a_page_and_strict_json(told: Design, tmp_path: Path) -> 
     assert all(each.kind in design_text(told) for each in told.maneuvers)
 
 
-def test_the_best_maneuver_is_the_first(told: Design) -> None:
+def test_the_best_maneuver_is_the_first(told: DesignResult) -> None:
     chances = [round(each.chance, 3) for each in told.maneuvers]
     assert chances == sorted(chances, reverse=True)
 
@@ -137,7 +133,7 @@ def test_two_inputs_fly_one_after_the_other_or_at_once() -> None:
 
 
 def test_level_flight_is_level() -> None:
-    setting = setting_of(Asked("longitudinal", fid.vehicle("navion_longitudinal").source_for("longitudinal")))
+    setting = setting_of(DesignRequest("longitudinal", fid.vehicle("navion_longitudinal").source_for("longitudinal")))
     flown, _ = fly(setting.model, as_held(setting.planned(np.zeros((2, len(setting.room.time)))).record), setting.room.time, np.random.default_rng(0))
     assert np.ptp(flown["airspeed"].values) < 1e-3 and flown["nz"].values == pytest.approx(np.cos(setting.model.initial["alpha"].value), abs=1e-4)
 
@@ -162,19 +158,19 @@ FAULTS: list[tuple[dict[str, Any], str]] = [
 def test_a_fault_is_told_in_one_line(vehicle: Path, change: dict[str, Any], line: str) -> None:
     change = {"values" if key == "value" else key: value for key, value in change.items()}
     with pytest.raises(DeclarationError, match=line) as caught:
-        design(replace(Asked("rigid", vehicle), **change))
+        design(replace(DesignRequest("rigid", vehicle), **change))
     assert "\n" not in str(caught.value)
 
 
 def test_a_falling_body_has_no_input() -> None:
     source = fid.vehicle("ballistic_target").source_for("ballistic")
     with pytest.raises(DeclarationError, match="no input to design"):
-        design(Asked("ballistic", source))
+        design(DesignRequest("ballistic", source))
 
 
 def test_the_command_of_an_ambiguous_diagnosis_does_it_again(vehicle: Path) -> None:
     """What is printed, typed again, designs the same maneuver with the same chance, to the last bit."""
-    first = design(Asked("rigid", vehicle, duration=12.0))
+    first = design(DesignRequest("rigid", vehicle, duration=12.0))
     after = {name: Quantity(1.07 * first.setting.model.parameters[name].value, 0.01, "1/rad") for name in first.best.sigmas}
     claim = Claim("vane-offset", {"arm": Quantity(1.23456, 0.1, "m")}, ("accelerometer-offset:nz", "sensor-lag:alpha"))
     d: Any = type(
@@ -204,11 +200,11 @@ def fid_equations() -> Any:
     return ShortPeriod()
 
 
-def asked_by(command: str) -> Asked:
+def asked_by(command: str) -> DesignRequest:
     """What the command line makes of a command."""
     words = shlex.split(command)[2:]
     options = dict(zip(words[::2], words[1::2], strict=True))
-    return Asked(
+    return DesignRequest(
         options["--model"],
         Path(options["--vehicle"]),
         tell=tuple(options["--tell"].split(",")),

@@ -10,11 +10,9 @@ from typing import Any
 import pytest
 
 from scenarios.identification.model_checks import PULSE
-from scenarios.maneuver_design import content
-from scenarios.maneuver_design.asked import Asked
-from scenarios.maneuver_design.content import maneuver_content
-from scenarios.maneuver_design.limits import Limits, limits_of, usual_limits
-from scenarios.maneuver_design.setting import _frequency, _room, _rounded
+from scenarios.maneuver_design import report
+from scenarios.maneuver_design.report import maneuver_content
+from scenarios.maneuver_design.setting import DesignRequest, Limits, _frequency, _room, _rounded, limits_of, usual_limits
 from scenarios.maneuver_design.within_limits import _worst
 from sim.declaration import own_model
 from sim.declaration.model import Model
@@ -22,7 +20,7 @@ from sim.errors import DeclarationError
 from tests.bases import rigid_model
 
 REST = {"push": 0.0}
-ASKED = Asked("rigid", Path("vehicle.toml"))
+ASKED = DesignRequest("rigid", Path("vehicle.toml"))
 
 
 def chain(*roots: float) -> Model:
@@ -75,14 +73,14 @@ def test_an_own_model_is_flown_for_forty_pulses_with_twenty_samples_in_each() ->
 def test_too_many_samples_are_refused_and_so_is_a_flight_too_short() -> None:
     model = chain(-2.0)
     with pytest.raises(DeclarationError, match="20001 samples"):
-        _room(Asked("x", None, duration=20001.0, rate=1.0), model, 1.0)
-    assert len(_room(Asked("x", None, duration=20000.0, rate=1.0), model, 1.0).time) == 20001
+        _room(DesignRequest("x", None, duration=20001.0, rate=1.0), model, 1.0)
+    assert len(_room(DesignRequest("x", None, duration=20000.0, rate=1.0), model, 1.0).time) == 20001
     with pytest.raises(DeclarationError, match="leave no room"):
-        _room(Asked("x", None, duration=1.9, rate=10.0), model, 0.01)
+        _room(DesignRequest("x", None, duration=1.9, rate=10.0), model, 0.01)
     for asked, option in (
-        (Asked("x", rate=0.0), "--rate"),
-        (Asked("x", rate=math.inf), "--rate"),
-        (Asked("x", duration=-1.0), "--duration"),
+        (DesignRequest("x", rate=0.0), "--rate"),
+        (DesignRequest("x", rate=math.inf), "--rate"),
+        (DesignRequest("x", duration=-1.0), "--duration"),
     ):
         with pytest.raises(DeclarationError, match=f"{option}: .* is not above 0"):
             _room(asked, model, 1.0)
@@ -143,7 +141,7 @@ def test_limits_that_the_rest_does_not_keep_are_refused() -> None:
 def test_a_maneuver_is_held_by_the_output_that_reaches_its_limit_else_by_its_amplitude(
     bound: str, shown: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(content, "peaks_of", lambda *_: {})
+    monkeypatch.setattr(report, "peaks_of", lambda *_: {})
     flight = SimpleNamespace(scale=0.5, bound_by=bound, extremes={"alpha": (-0.1, 0.2)})
     maneuver: Any = SimpleNamespace(
         kind="doublet",

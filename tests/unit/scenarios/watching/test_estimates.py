@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ident.banks.delays import DELAYS
-from scenarios.watching.estimates import nearest
+from scenarios.watching.study import nearest
 
 GRID = np.array(DELAYS)
 

@@ -9,8 +9,8 @@ import pytest
 
 from ident.banks.delays import likelihood_weights
 from ident.banks.online import Rows, advance, begin, online_bank
-from scenarios.watching.history import columns, lines
 from scenarios.watching.session import Step
+from scenarios.watching.study import columns, lines
 from tests import loes_problem as problem
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from scenarios.watching.report import against
+from scenarios.watching.study import against
 
 
 @pytest.mark.parametrize(

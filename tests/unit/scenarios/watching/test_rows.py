@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.records import read_record
-from scenarios.watching.lines import Lines, lines_of
-from scenarios.watching.rows import LOST, Header, Order, _careful, _plain, at_end, in_order, read_header, read_lines
+from scenarios.watching.rows import LOST, Header, Lines, Order, _careful, _plain, at_end, in_order, lines_of, read_header, read_lines
 from sim.errors import RecordError
 
 PLAIN = read_header(b"time,stick,alpha,q,nz", "stream")

@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.trials.jsbsim.declaration import JsbsimFlight
-from scenarios.trials.jsbsim.faults import ahead_of_play, named, spoiled
-from scenarios.trials.jsbsim.maneuvers import HAND, SLOTS, by_hand, commands
+from scenarios.trials.jsbsim.declaration import HAND, SLOTS, JsbsimFlight, ahead_of_play, by_hand, commands, named, spoiled
 
 FLIGHT = JsbsimFlight("f", "f", "", "c172x", 1500.0, 54.0, "lateral", "3-2-1-1", 1.0, 20.0, 50.0, 1.0, {})
 TIME = np.arange(4001) / 400.0

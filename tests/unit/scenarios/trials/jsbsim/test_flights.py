@@ -14,11 +14,9 @@ from pydantic_core import PydanticUndefined
 from scenarios.files.vehicles import read_vehicle
 from scenarios.studies.catalogue import load_document
 from scenarios.trials.jsbsim import schema
-from scenarios.trials.jsbsim.aircraft import CONDITIONS, package_folder, surfaces_of
-from scenarios.trials.jsbsim.declaration import OUTPUTS, JsbsimFlight
-from scenarios.trials.jsbsim.files import vehicle_text, write_jsbsim
-from scenarios.trials.jsbsim.flight import JsbsimTruth, fly_jsbsim
-from scenarios.trials.jsbsim.machine import Condition, Flown, fly
+from scenarios.trials.jsbsim.declaration import CONDITIONS, OUTPUTS, JsbsimFlight, package_folder, surfaces_of
+from scenarios.trials.jsbsim.flight import JsbsimTruth, fly_jsbsim, vehicle_text, write_jsbsim
+from scenarios.trials.jsbsim.machine import Condition, JsbsimSignals, fly
 from scenarios.trials.jsbsim.schema import jsbsim_of
 from sim.errors import DeclarationError
 from sim.record import Record
@@ -39,7 +37,7 @@ def made() -> Made:
 
 
 @pytest.fixture(scope="module")
-def turning() -> Flown:
+def turning() -> JsbsimSignals:
     """A light aircraft, all surfaces moved smoothly at once."""
     t = np.arange(2001) / 400.0
     waves = {name: 0.02 * np.sin(rate * t) ** 2 for name, rate in (("elevator", 1.3), ("aileron", 2.0), ("rudder", 1.6))}
@@ -72,7 +70,7 @@ def test_true_derivatives_are_those_of_the_aircrafts_file(made: Made, ours: str,
     assert slopes.left < 1e-5
 
 
-def test_rotation_obeys_eulers_equations_with_the_body_that_is_handed_over(turning: Flown) -> None:
+def test_rotation_obeys_eulers_equations_with_the_body_that_is_handed_over(turning: JsbsimSignals) -> None:
     """The sign of the product of inertia, the moments, and no frame between them."""
     f, body, step = turning, turning.body, 1.0 / 400.0
     p_dot, q_dot, r_dot = (np.gradient(f[name], step) for name in "pqr")
@@ -86,7 +84,7 @@ def test_rotation_obeys_eulers_equations_with_the_body_that_is_handed_over(turni
         assert np.std(left) < 5e-3 * np.std(f[name][inner]), name
 
 
-def test_surfaces_are_those_that_the_loads_read_and_go_where_they_are_wanted(turning: Flown) -> None:
+def test_surfaces_are_those_that_the_loads_read_and_go_where_they_are_wanted(turning: JsbsimSignals) -> None:
     assert surfaces_of("c172x")["aileron"].property == "fcs/effective-aileron-pos"
     assert surfaces_of("T38")["elevator"].property == "fcs/elevator-pos-norm" and surfaces_of("T38")["elevator"].scale == pytest.approx(0.297)
     wanted = 0.02 * np.sin(1.3 * turning["time"]) ** 2

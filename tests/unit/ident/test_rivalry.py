@@ -10,9 +10,18 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import ncx2
 
-from ident.maneuver_design.decision import CLEAR, Decision, chance_found, decision_of
-from ident.maneuver_design.planned_flight import Planned, expected_sigmas, simulated
-from ident.maneuver_design.rivalry import Acting, contest, linear_squares
+from ident.maneuver_design import (
+    CLEAR,
+    Acting,
+    Planned,
+    RivalDecision,
+    chance_found,
+    contest,
+    decision_of,
+    expected_sigmas,
+    linear_squares,
+    simulated,
+)
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.effects.library import find_effect
@@ -138,7 +147,7 @@ def test_an_effect_is_found_as_often_as_a_noncentral_chi_squared_exceeds_its_pri
 def test_what_leaves_nothing_decides_nothing() -> None:
     nothing = decision_of(np.zeros(3), np.full(3, 400), 500.0, 1, 1)
     assert nothing.right < 0.01 and nothing.wrong < 0.01
-    assert Decision(100.0, 20.0).right > 0.999
+    assert RivalDecision(100.0, 20.0).right > 0.999
     assert chance_found(0.5, 1, 6.0, 10.0) < 0.01 < 0.99 < chance_found(50.0, 1, 6.0, 10.0)
 
 

@@ -1,0 +1,448 @@
+"""Frequency responses in the terminal, on their page and in their folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from ident.flying_qualities.levels import Level
+from scenarios.files.sources import versions
+from scenarios.files.writing import study_folder, write_json, write_text
+from scenarios.pages.folder import figures, write_page
+from scenarios.pages.model import Block, Bullets, Page, Prose, as_sentence, now, reproduction, section
+from scenarios.pages.tables import printed_blocks
+from scenarios.plots.formats import USUAL, Drawn, Formats
+from scenarios.responses.analysis import ResponseEstimates, pairs
+from scenarios.responses.fitting import Fits, cost_sentence, envelope_sentence, transfer_text
+from scenarios.responses.loops import MINUS, LoopMargins, margin_columns, margin_lines, margins_content, worst_columns
+from scenarios.terminal.quantities import console, number_text
+from scenarios.terminal.summary import BELOW, Summary, print_summary
+from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
+
+# ---- Frequency responses in the terminal: a summary, notes, and a table for each response
+
+ROWS = 12  # frequencies of a printed table
+
+
+def print_responses(found: ResponseEstimates, out: Console | None = None, details: str = BELOW) -> None:
+    """Print an estimate."""
+    out = out or console()
+    print_summary(out, responses_summary(found, details))
+    for line in found.cautions:
+        print_paragraph(out, f"warning: {line}", indent=0)
+    for line in found.notes:
+        print_paragraph(out, line, indent=0)
+    for row, column, name in pairs(found):
+        unit = found.unit(*name_pair(found, row, column))
+        title = f"{name}{f', {unit}' if unit else ''}: {band_sentence(found, row, column)}"
+        print_table(out, title, table_columns(found, row, column))
+    for line in quality_lines(found):
+        print_paragraph(out, line, indent=0)
+    if found.loop is not None:
+        for title, columns in loop_tables(found.loop):
+            print_table(out, title, columns)
+        for line in margin_lines(found.loop):
+            print_paragraph(out, line, indent=0)
+    for row, column, _ in pairs(found):
+        for line in fit_lines(found, row, column):
+            print_paragraph(out, line, indent=0)
+        columns = fit_columns(found, row, column)
+        if columns:
+            print_table(out, "", columns)
+
+
+def loop_tables(loop: LoopMargins) -> list[tuple[str, list[TableColumn]]]:
+    """Titles and columns of the margins, and of the worst maneuver where there are several."""
+    sign = "-" if loop.sign == MINUS else "+"
+    title = f"Stability margins of {loop.name}, a loop with command = excitation {sign} returned"
+    tables = [(title, margin_columns(loop)), ("The worst maneuver, intervals for all together", worst_columns(loop))]
+    return [(heading, columns) for heading, columns in tables if columns[0].cells]
+
+
+def quality_lines(found: ResponseEstimates) -> list[str]:
+    """Flying qualities, one sentence each."""
+    return [line for each in found.qualities for line in each.lines]
+
+
+def name_pair(found: ResponseEstimates, row: int, column: int) -> tuple[str, str]:
+    """Output and input of a response."""
+    return found.names.outputs[row], found.names.inputs[column]
+
+
+def responses_summary(found: ResponseEstimates, details: str = BELOW) -> Summary:
+    """The records, what was estimated, and the usable bands."""
+    whole = sum(found.durations)
+    some = ", ".join(found.parts[:3]) + (", ..." if len(found.parts) > 3 else "")
+    number = len(pairs(found))
+    method = "joint input-output" if found.found.joint else "direct"
+    bands = [f"{name} {band_sentence(found, row, column)}" for row, column, name in pairs(found)]
+    return Summary(
+        f"{some}, {whole:.4g} s in {len(found.parts)} part{'s' * (len(found.parts) > 1)}",
+        f"{number} frequency response{'s' * (number > 1)}, {method} estimate",
+        "; ".join(bands),
+        "",
+        details,
+    )
+
+
+def fit_lines(found: ResponseEstimates, row: int, column: int) -> list[str]:
+    """The transfer function of a response, its cost and how its mismatch is judged."""
+    fitted = found.fits.of(row, column) if found.fits is not None else None
+    if fitted is None:
+        return []
+    function, mismatch = fitted
+    judged = envelope_sentence(function, mismatch)
+    head = f"{function.name} = {transfer_text(function)} ({function.form.name})"
+    return [head, cost_sentence(function), *([judged] if judged else [])]
+
+
+def fit_columns(found: ResponseEstimates, row: int, column: int) -> list[TableColumn]:
+    """The table of the parameters of a fitted transfer function; none where none was fitted."""
+    fitted = found.fits.of(row, column) if found.fits is not None else None
+    if fitted is None or found.fits is None:
+        return []
+    function, _ = fitted
+    rows = []
+    for name in function.form.parameters:
+        value = function.values[name]
+        size = max(abs(value), 1e-300)
+        if name in function.std:
+            std, alone = function.std[name], function.insensitivity[name]
+            shares = [f"{100.0 * each / size:.3g}" if std < size else "-" for each in (std, alone)]
+            cells = [number_text(value, std), f"{std:.2g}", *shares]
+        else:
+            cells = [f"{value:.5g}", "fixed", "-", "-"]
+        unit = function.form.units.get(name, "")
+        said = "shared" if name in found.fits.fit.shared else ""
+        rows.append([name, *cells, "" if unit == "1" else unit, said])
+    headings = ["parameter", "value", "std", "std, %", "insensitivity, %", "unit", "note"]
+    kept = len(headings) if any(row[-1] for row in rows) else len(headings) - 1
+    return [TableColumn(head, [row[n] for row in rows], left=head in ("parameter", "unit", "note")) for n, head in enumerate(headings[:kept])]
+
+
+def band_sentence(found: ResponseEstimates, row: int, column: int) -> str:
+    """``"usable from 0.1 to 4.2 Hz (coherence 0.6 or more)"``."""
+    band = found.found.bands()[row][column]
+    limit = f"coherence {found.found.spectra.least_coherence:g} or more"
+    if band is None:
+        return f"nowhere usable ({limit})"
+    return f"usable from {band[0]:.3g} to {band[1]:.3g} Hz ({limit})"
+
+
+def shown_rows(count: int, most: int = ROWS) -> np.ndarray:
+    """Positions of at most ``most`` frequencies, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+
+def table_columns(found: ResponseEstimates, row: int, column: int) -> list[TableColumn]:
+    """The columns of the table of a response."""
+    one = found.found
+    at = shown_rows(one.frequency.size)
+    response, usable = one.response[row, column], one.usable[row, column]
+    size, half = np.abs(response), one.half_width()[row, column]
+    phase = np.degrees(one.phase()[row, column])
+    turn = np.degrees(one.phase_half_width()[row, column])
+    several = len(found.names.inputs) > 1
+
+    def cells(values: np.ndarray, form: str) -> Sequence[str]:
+        return [format(float(values[k]), form) for k in at]
+
+    columns = [
+        TableColumn("Hz", cells(one.frequency, ".3g")),
+        TableColumn("rad/s", cells(2.0 * np.pi * one.frequency, ".3g")),
+        TableColumn("magnitude", cells(size, ".4g")),
+        TableColumn("+-", cells(half, ".2g")),
+        TableColumn("dB", cells(20.0 * np.log10(np.maximum(size, 1e-300)), ".1f")),
+        TableColumn("phase, deg", cells(phase, ".1f")),
+        TableColumn("+-", cells(turn, ".1f")),
+        TableColumn("coherence", cells(one.coherence[row], ".3f")),
+    ]
+    if several:
+        columns.append(TableColumn("partial coherence", cells(one.partial_coherence[row, column], ".3f")))
+    columns.append(TableColumn("random error", cells(one.random_error[row, column], ".3f")))
+    columns.append(TableColumn("usable", ["yes" if usable[k] else "-" for k in at], left=True))
+    return columns
+
+
+# ---- The page of an estimate: figures, tables, how it was made and how its numbers are read
+
+READING = (
+    "The bands hold the response with a probability of 95 % at each frequency by itself. They cover "
+    "random errors; an error of a sensor's scale or delay is not among them.",
+    "The coherence is the share of the output's power that follows the inputs linearly. The partial "
+    "coherence of an input leaves the other inputs out.",
+    "The random error is the standard deviation of the magnitude over the magnitude.",
+    "If the output acts back on the input through a controller or a pilot, name an excitation with "
+    "--reference: without one the estimate is biased towards the negative inverse of the feedback.",
+)
+
+
+def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Page:
+    """The page of an estimate with the figures ``drawn``."""
+    names, summary = found.names, responses_summary(found)
+    files = [each.name for each in found.identities]
+    tables = []
+    for row, column, name in pairs(found):
+        output, one = name_pair(found, row, column)
+        unit = found.unit(output, one)
+        title = f"{name}{f', {unit}' if unit else ''}"
+        tables += printed_blocks(partial(print_table, title=title, columns=table_columns(found, row, column)))
+        tables.append(Prose(f"{name}: {band_sentence(found, row, column)}.", "note"))
+    functions: list[Block] = []
+    for row, column, name in pairs(found):
+        functions += [Prose(f"{as_sentence(line)}") for line in fit_lines(found, row, column)]
+        columns = fit_columns(found, row, column)
+        if columns:
+            functions += printed_blocks(partial(print_table, title=f"Parameters of {name}", columns=columns))
+    margins: list[Block] = []
+    if found.loop is not None:
+        for title, columns in loop_tables(found.loop):
+            margins += printed_blocks(partial(print_table, title=title, columns=columns))
+        margins.append(Bullets(tuple(map(as_sentence, margin_lines(found.loop)))))
+    words = ["flightid", "response", *files]
+    words += [word for name in names.inputs for word in ("--input", name)]
+    words += [word for name in names.outputs for word in ("--output", name)]
+    words += [word for name in names.references for word in ("--reference", name)]
+    words += ["--margins", found.loop.sign] if found.loop is not None else []
+    usable = sum(band is not None for row in found.found.bands() for band in row)
+    number = len(pairs(found))
+    return Page(
+        title=f"{', '.join(files[:3])}{', ...' if len(files) > 3 else ''}: frequency responses",
+        kind="Frequency responses",
+        verdict=f"{usable} of {number} usable" if number > 1 else ("usable" if usable else "not usable"),
+        tone="plain",
+        sentence=as_sentence(summary.outcome),
+        summary=(as_sentence(summary.result),),
+        warnings=tuple(map(as_sentence, found.cautions)),
+        sections=(
+            *section("Bode diagrams", *figures(drawn)),
+            *section("Transfer functions", *functions),
+            *section("Flying qualities", Bullets(tuple(map(as_sentence, quality_lines(found))))),
+            *section("Stability margins", *margins),
+            *section("Numbers", *tables),
+            *section("How they were estimated", Bullets(tuple(map(as_sentence, found.notes)))),
+            *section("How the numbers are read", Bullets(READING)),
+        ),
+        reproduction=reproduction(words, "", [("used", each.name, each.sha256) for each in found.identities]),
+        created=now(),
+    )
+
+
+# ---- The folder of an estimate: CSV, figures, page, and the JSON last
+
+MAIN = "responses.json"
+TABLE = "responses.csv"
+SCHEMA = "flightid/responses/1"
+
+
+def write_responses(found: ResponseEstimates, folder: str | Path, *, figures: Formats = USUAL) -> Path:
+    """Write an estimate into ``folder``, whole or not at all; returns the folder."""
+    with study_folder(folder, MAIN) as scratch:
+        drawn: tuple[Drawn, ...] = ()
+        if figures:
+            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.low_order import figure_response
+
+            several = len(pairs(found)) > 1
+            named = [
+                (
+                    f"response_{n}" if several else "response",
+                    partial(figure_response, found, row, column),
+                )
+                for n, (row, column, _) in enumerate(pairs(found), start=1)
+            ]
+            if found.fits is not None:
+                from scenarios.plots.low_order import figure_mismatch
+
+                named += [
+                    (
+                        f"mismatch_{n}" if several else "mismatch",
+                        partial(figure_mismatch, found, *place),
+                    )
+                    for n, (row, column, _) in enumerate(pairs(found), start=1)
+                    if (place := (row, column)) in found.fits.places
+                ]
+            if any(each.curve is not None for each in found.qualities):
+                from scenarios.plots.low_order import figure_bandwidth
+
+                named += [
+                    (
+                        f"bandwidth_{n}" if several else "bandwidth",
+                        partial(figure_bandwidth, found, n - 1),
+                    )
+                    for n in range(1, len(found.qualities) + 1)
+                ]
+            if found.loop is not None:
+                from scenarios.plots.low_order import figure_margins
+
+                named.append(("loop", partial(figure_margins, found)))
+            drawn = drawn_for_page(named, scratch, figures)
+        write_text(scratch / TABLE, responses_csv(found))
+        write_page(scratch, responses_page(found, drawn))
+        write_json(scratch / MAIN, responses_content(found))
+    return Path(folder)
+
+
+def response_columns(found: ResponseEstimates, row: int, column: int) -> dict[str, np.ndarray]:
+    """The numbers of one response by the names of their columns, each ``(F,)``.
+
+    ``magnitude`` in the unit of output over input, phases in degrees without jumps, bands of 95 %;
+    the lower bound of a magnitude that is not determined is zero.
+    """
+    one = found.found
+    response, half = one.response[row, column], one.half_width()[row, column]
+    size = np.abs(response)
+    phase = np.degrees(one.phase()[row, column])
+    turn = np.degrees(one.phase_half_width()[row, column])
+    columns = {
+        "frequency_Hz": one.frequency,
+        "real": response.real,
+        "imaginary": response.imag,
+        "magnitude": size,
+        "magnitude_dB": 20.0 * np.log10(np.maximum(size, 1e-300)),
+        "phase_deg": phase,
+        "coherence": one.coherence[row],
+        "partial_coherence": one.partial_coherence[row, column],
+        "random_error": one.random_error[row, column],
+        "std": one.std[row, column],
+        "magnitude_low": np.maximum(size - half, 0.0),
+        "magnitude_high": size + half,
+        "phase_low_deg": phase - turn,
+        "phase_high_deg": phase + turn,
+        "degrees_of_freedom": one.degrees[row],
+        "usable": one.usable[row, column].astype(int),
+    }
+    if found.direct is not None:
+        other = found.direct.response[row, column]
+        columns |= {"direct_real": other.real, "direct_imaginary": other.imag}
+    return columns
+
+
+def responses_csv(found: ResponseEstimates) -> str:
+    """Content of ``responses.csv``: a row for each output, input and frequency."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    for number, (row, column, _) in enumerate(pairs(found)):
+        columns = response_columns(found, row, column)
+        if not number:
+            writer.writerow(["output", "input", *columns])
+        names = [found.names.outputs[row], found.names.inputs[column]]
+        for cells in zip(*(each.tolist() for each in columns.values()), strict=True):
+            writer.writerow([*names, *map(repr, cells)])
+    return out.getvalue()
+
+
+def responses_content(found: ResponseEstimates) -> dict[str, Any]:
+    """Content of ``responses.json``: the same numbers by response, with the usable bands in Hz."""
+    one = found.found
+    bands = one.bands()
+    responses = []
+    for row, column, _ in pairs(found):
+        band = bands[row][column]
+        output, name = found.names.outputs[row], found.names.inputs[column]
+        columns = response_columns(found, row, column)
+        columns["usable"] = columns["usable"].astype(bool)
+        responses.append(
+            {
+                "output": output,
+                "input": name,
+                "unit": found.unit(output, name) or "1",
+                **({"usable_band_Hz": list(band)} if band else {}),
+                **{key: values.tolist() for key, values in columns.items()},
+            }
+        )
+    parts = zip(found.parts, found.durations, strict=True)
+    return {
+        "schema": SCHEMA,
+        "method": "joint input-output" if one.joint else "direct",
+        "references": list(found.names.references),
+        "estimate": {
+            "windows_s": list(one.spectra.windows),
+            "tapers": one.spectra.tapers,
+            "rate_Hz": found.rate,
+            "detrended": "linear",
+            "least_coherence": one.spectra.least_coherence,
+        },
+        **({"flying_qualities": _qualities_content(found)} if found.qualities else {}),
+        "parts": [{"name": name, "duration_s": duration} for name, duration in parts],
+        "responses": responses,
+        **({"fits": _fits_content(found, found.fits)} if found.fits is not None else {}),
+        **({"margins": margins_content(found.loop)} if found.loop is not None else {}),
+        "notes": list(found.notes),
+        "warnings": list(found.cautions),
+        "inputs": {
+            "records": [each.name for each in found.identities],
+            "sha256": [each.sha256 for each in found.identities],
+        },
+        "versions": versions(),
+    }
+
+
+def _fits_content(found: ResponseEstimates, fits: Fits) -> dict[str, Any]:
+    functions = []
+    for (row, column), function, mismatch in zip(fits.places, fits.fit.functions, fits.mismatches, strict=True):
+        form, judged = function.form, envelope_sentence(function, mismatch)
+        functions.append(
+            {
+                "output": found.names.outputs[row],
+                "input": found.names.inputs[column],
+                "form": form.name,
+                "cost": function.cost,
+                "numerator": function.numerator.tolist(),
+                "denominator": function.denominator.tolist(),
+                "delay": function.values["delay"],
+                "parameters": {
+                    name: {
+                        "value": function.values[name],
+                        "std": function.std[name],
+                        "insensitivity": function.insensitivity[name],
+                        "unit": form.units.get(name, ""),
+                    }
+                    for name in function.std
+                },
+                "fixed": {name: value for name, value in function.values.items() if name not in function.std},
+                **({"unnoticeable": not bool(mismatch.outside.any())} if judged else {}),
+                "mismatch": {
+                    "frequency_Hz": mismatch.frequency.tolist(),
+                    "gain_dB": mismatch.gain.tolist(),
+                    "phase_deg": mismatch.phase.tolist(),
+                },
+            }
+        )
+    return {
+        "cost": fits.fit.cost,
+        "converged": fits.fit.converged,
+        "shared": list(fits.fit.shared),
+        "functions": functions,
+    }
+
+
+def _level_content(level: Level) -> dict[str, Any]:
+    return {
+        "quantity": level.quality.name,
+        "category": level.criterion.category,
+        "level": level.level,
+        "best": level.best,
+        "worst": level.worst,
+        "source": level.criterion.source,
+    }
+
+
+def _qualities_content(found: ResponseEstimates) -> list[dict[str, Any]]:
+    return [
+        {
+            "output": found.names.outputs[each.place[0]],
+            "input": found.names.inputs[each.place[1]],
+            **{name: {"value": number.value, "std": number.std, "unit": unit} for name, (number, unit) in each.numbers.items()},
+            "notes": list(each.bandwidth.notes) if each.bandwidth is not None else [],
+            **({"levels": [_level_content(level) for level in each.levels]} if each.levels else {}),
+        }
+        for each in found.qualities
+    ]
