@@ -32,7 +32,7 @@ from scenarios.pages.folder import write_page
 from scenarios.pages.model import Page, as_sentence, capital, now, section
 from scenarios.pages.tables import rows_table
 from scenarios.plots.formats import USUAL, Formats
-from scenarios.tasks.study import Manner, Tell, stopped
+from scenarios.tasks.study import Execution, Tell, stopped
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.summary import details_in, written_to
 from scenarios.terminal.tables import columns_of, table_lines, terminal_width
@@ -78,7 +78,7 @@ class Campaign:
         self,
         runs: int,
         seed: int | None,
-        manner: Manner,
+        manner: Execution,
         tell: Tell = lambda stage, share: None,
     ) -> Flown:
         """All flights of so many runs, after Ctrl-C those that had ended; raises as ``fly_all``."""
@@ -91,7 +91,7 @@ def fly_and_tell(
     campaign: Campaign,
     runs: int,
     seed: int | None,
-    manner: Manner,
+    manner: Execution,
     figures: Formats = USUAL,
     *,
     progress: bool = True,

@@ -12,7 +12,7 @@ from typing import NoReturn
 from scenarios.files.sources import versions
 from scenarios.pages.model import Reproduction
 from scenarios.plots.formats import Formats, formats_of
-from scenarios.tasks.study import Manner
+from scenarios.tasks.study import Execution
 from sim.errors import FlightidError
 
 STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of the signal
@@ -68,9 +68,9 @@ def seed(text: str) -> int:
     return number
 
 
-def manner_of(asked: argparse.Namespace) -> Manner:
+def manner_of(asked: argparse.Namespace) -> Execution:
     """How repeated work is done."""
-    return Manner(asked.jobs, asked.out, asked.resume, asked.cluster, asked.time_limit)
+    return Execution(asked.jobs, asked.out, asked.resume, asked.cluster, asked.time_limit)
 
 
 def figures_of(asked: argparse.Namespace) -> Formats:

@@ -10,7 +10,7 @@ from enum import Enum
 from functools import cached_property
 from typing import Any, Protocol
 
-from scenarios.tasks.study import Manner, Tell, run_study
+from scenarios.tasks.study import Execution, Tell, run_study
 from scenarios.tasks.work import Row, RowTable, Task, Work
 
 FOUND, TAKEN, SECONDS = "found", "taken", "seconds"  # columns: what was found as JSON, the time of its diagnosis; the field that has it
@@ -120,7 +120,7 @@ class Flown:
         return {"seed": self.root, "runs": self.ended, **stopped, **({"failures": dict(self.failures)} if self.failures else {})}
 
 
-def fly_all(work: Flights, runs: int, root: int, manner: Manner, tell: Tell = lambda stage, share: None) -> Flown:
+def fly_all(work: Flights, runs: int, root: int, manner: Execution, tell: Tell = lambda stage, share: None) -> Flown:
     """All flights of a campaign, or after Ctrl-C those that had ended.
 
     Raises

@@ -136,7 +136,7 @@ RARE = 0.01  # rate of false discoveries among the flights that are told
 FEWEST = 5  # flights: with fewer, the median is no measure of the others
 
 
-def standing_out(residuals: np.ndarray, sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def outlying_flights(residuals: np.ndarray, sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """By how many standard deviations each flight is off ``(n,)``, and which stand out ``(n,)``, from what is left ``(n,)`` about a common value.
 
     Residuals are taken from their median; the scatter between flights is what their median absolute deviation shows beyond ``sigmas (n,)``, so that

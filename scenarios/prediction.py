@@ -21,9 +21,9 @@ from scenarios.files.channels import read_channel_map
 from scenarios.files.measured.record_file import RecordFile, all_simulated, opened
 from scenarios.files.sources import InputFile, read_source, versions
 from scenarios.files.user_models import OwnModel, channel_units
-from scenarios.files.vehicles import VehicleFile, read_beside, read_vehicle
+from scenarios.files.vehicles import VehicleFile, files_read_unnamed, read_vehicle
 from scenarios.files.writing import PREDICTED, study_folder, write_json
-from scenarios.identification.assessment import left_out, pooled_fits, record_fits, with_wild_points, without
+from scenarios.identification.assessment import left_out, pooled_fits, record_fits, with_outliers, without
 from scenarios.identification.conditions import PATH, with_weight
 from scenarios.kept import DIAGNOSE, KeptFile, KeptModel, read_kept
 from scenarios.pages.folder import figures, write_page
@@ -126,7 +126,7 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
     by = _by_diagnosis if kept.made_by == DIAGNOSE else _by_identification
     record, before, after, counted = by(kept, declared, ready, trusted=plan.trusted)
     masks = [left_out(*pair) for pair in zip(ready.validation, counted, strict=True)]
-    ready = replace(ready, look=with_wild_points(ready.look, ready.validation, masks))
+    ready = replace(ready, look=with_outliers(ready.look, ready.validation, masks))
     return PredictionResult(
         asked.study,
         kept,
@@ -136,7 +136,7 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
         channels,
         after,
         before,
-        (*read_beside([source], None), *ready.notes),
+        (*files_read_unnamed([source], None), *ready.notes),
         _warnings(ready),
         all_simulated([source]),
     )
@@ -272,7 +272,7 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
     """What was predicted with which model, warnings, and the errors channel by channel."""
     record, kept = found.record, found.kept
     effects = [effect.name for effect in kept.after.effects]
-    told = f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s; {what_predicts(found)} ({found.study})"
+    told = f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s; {predicting_model(found)} ({found.study})"
     lines = wrapped(told, width)
     for warning in found.warnings:
         lines += wrapped(f"warning: {warning}", width)
@@ -284,7 +284,7 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
     return "\n".join(lines) + "\n"
 
 
-def what_predicts(found: PredictionResult) -> str:
+def predicting_model(found: PredictionResult) -> str:
     """The model, whose it is, and the effects in it."""
     kept = found.kept
     effects = [effect.name for effect in kept.after.effects]
@@ -322,7 +322,7 @@ def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Pag
     inputs = [("predicted", found.source.name, found.source.sha256), *((use, file.name, file.sha256) for use, file in kept if file is not None)]
     return Page(
         title=f"{record.name}: predicted",
-        kind=what_predicts(found),
+        kind=predicting_model(found),
         verdict="" if finite else "no finite simulation",
         tone="plain" if finite else "open",
         sentence=as_sentence(fits) if fits else "",

@@ -6,7 +6,7 @@ import pytest
 
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model
-from sim.effects.library import guards_for, library
+from sim.effects.library import catch_all_terms_for, library
 from sim.record import Hold
 from tests.offered import VEHICLES, first_of_each_kind, guards_of_whole_axes, held_to_all_laws, made, representatives
 
@@ -14,7 +14,7 @@ OFFERED = [(effect, vehicle.name) for vehicle in VEHICLES for effect in held_to_
 CASES = [pytest.param(effect, base, id=f"{effect.name} on {base}") for effect, base in OFFERED]
 EFFECTS = [pytest.param(effect, id=effect.name) for effect in (*library(), *made())]
 HOLDS = pytest.mark.parametrize("hold", list(Hold), ids=lambda hold: hold.value)
-OFFERED_GUARDS = [(guard, vehicle.name) for vehicle in VEHICLES for guard in guards_for(vehicle)] + guards_of_whole_axes()
+OFFERED_GUARDS = [(guard, vehicle.name) for vehicle in VEHICLES for guard in catch_all_terms_for(vehicle)] + guards_of_whole_axes()
 FLOWN_GUARDS = [each for each in OFFERED_GUARDS if each not in guards_of_whole_axes()] + first_of_each_kind(guards_of_whole_axes())
 GUARDS = [pytest.param(guard, base, id=f"{guard.name} on {base}") for guard, base in FLOWN_GUARDS]
 every_case = pytest.mark.parametrize(("effect", "base"), CASES + GUARDS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sim.declaration.effect import Effect, Station
 from sim.declaration.model import Equations
 from sim.effects.dynamics.structural_mode import StructuralMode
-from sim.effects.library import effects_for, guards_for, library
+from sim.effects.library import catch_all_terms_for, effects_for, library
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.lateral import Lateral
 from sim.vehicles.loes import Loes
@@ -65,8 +65,8 @@ def made() -> list[Effect]:
 
 def guards_of_whole_axes() -> list[tuple[Effect, str]]:
     """Guards that only a whole axis can carry, with its name."""
-    known = {guard for vehicle in VEHICLES for guard in guards_for(vehicle)}
-    return [(guard, vehicle.name) for vehicle in WHOLE_AXES for guard in guards_for(vehicle) if guard not in known]
+    known = {guard for vehicle in VEHICLES for guard in catch_all_terms_for(vehicle)}
+    return [(guard, vehicle.name) for vehicle in WHOLE_AXES for guard in catch_all_terms_for(vehicle) if guard not in known]
 
 
 def first_of_each_kind(offered: list[tuple[Effect, str]]) -> list[tuple[Effect, str]]:

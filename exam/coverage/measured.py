@@ -10,14 +10,14 @@ from scenarios.studies.campaign_causes import Finding, judge
 from scenarios.studies.campaign_report import cause_sentences, cause_word
 from scenarios.studies.campaign_statistics import ParameterStatistics
 from scenarios.studies.catalogue import load_document, load_scenario
-from scenarios.tasks.study import Manner
+from scenarios.tasks.study import Execution
 
 
 def measured(name: str, method: str, runs: int, jobs: int | None = 1) -> dict[str, Any]:
     """Coverage of each parameter, and why a sigma is wrong. Raises FlightidError as ``fly_campaign``."""
     document, short, where = load_document(name)
     again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
-    campaign = fly_campaign(load_scenario(name), runs, SEED, method, manner=Manner(jobs), again=again)
+    campaign = fly_campaign(load_scenario(name), runs, SEED, method, manner=Execution(jobs), again=again)
     judged = judge(campaign)
     why = {each.name: each for each in judged.findings.found}
     return {

@@ -13,12 +13,12 @@ from exam.random_cases.case import Case, CaseScore, Named
 from exam.random_cases.examination import examine
 from exam.random_cases.kinds import KINDS
 from exam.repeated import Flown, LoopFlights, fly_all
-from scenarios.tasks.study import Manner
+from scenarios.tasks.study import Execution
 from scenarios.terminal.progress import progress_bar
 from sim.errors import DeclarationError
 
 
-def examined(first: int, count: int, manner: Manner, group: str = "") -> Flown:
+def examined(first: int, count: int, manner: Execution, group: str = "") -> Flown:
     """Scores of the cases ``first`` to ``first + count - 1``, of those that had ended where it was stopped.
 
     ``group`` : all of them are of this one; empty, each draws its own.

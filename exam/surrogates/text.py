@@ -12,7 +12,7 @@ from exam.surrogates.flights.flight import Flight
 from exam.surrogates.study import SurrogateStudy
 from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands
 from scenarios.diagnosis.report.text import details_text, diagnosis_summary
-from scenarios.terminal.quantities import told, value_text
+from scenarios.terminal.quantities import quantity_text, value_text
 from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import WIDTH, TableColumn, columns_of, table_lines
 
@@ -76,7 +76,7 @@ def score_text(study: SurrogateStudy) -> str:
 
 def _dominant(item: Dominant, records: int) -> str:
     units = {parameter.name: parameter.unit for parameter in item.effect.parameters}
-    values = ", ".join(f"{name} {told(value, units.get(name, ''), name)}" for name, value in item.values.items())
+    values = ", ".join(f"{name} {quantity_text(value, units.get(name, ''), name)}" for name, value in item.values.items())
     where = "" if len(item.records) == records else f" in record {', '.join(str(number + 1) for number in item.records)}"
     return f"{item.name} ({values}){where}"
 

@@ -218,7 +218,7 @@ def _through(bank: OnlineBank, state: BankState, way: _Way, outputs: np.ndarray)
     z, count = outputs.copy(), outputs.shape[1]
     states: list[BankState] = []
     first, length = 0, count
-    spikes: _Judged | None = None
+    spikes: _Assessed | None = None
     with np.errstate(all="ignore"):
         while first < count:
             rows = slice(first, min(first + length, count))
@@ -233,7 +233,7 @@ def _through(bank: OnlineBank, state: BankState, way: _Way, outputs: np.ndarray)
     return states
 
 
-class _Judged(NamedTuple):
+class _Assessed(NamedTuple):
     """What was found of one row's samples before spikes were left out, ``(m,)`` each as in ``BankState``."""
 
     innovation: np.ndarray
@@ -243,8 +243,8 @@ class _Judged(NamedTuple):
 
 
 def _filtered(
-    bank: OnlineBank, before: BankState, way: _Way, rows: slice, z: np.ndarray, judged: _Judged | None
-) -> tuple[list[BankState], _Judged | None]:
+    bank: OnlineBank, before: BankState, way: _Way, rows: slice, z: np.ndarray, judged: _Assessed | None
+) -> tuple[list[BankState], _Assessed | None]:
     """The states after ``rows`` up to the first with a new spike, and what was found of that one. The first row is not judged again."""
     valid = ~np.isnan(z)
     missing = [None if column.all() else np.flatnonzero(~column) for column in valid.T]
@@ -262,11 +262,11 @@ def _filtered(
     mean, covariance, seen = before.mean, before.covariance, before.rows_seen
     every = bool(good[-1].all())
     for k, row in enumerate(range(rows.start, rows.stop)):
-        found = _Judged(sizes[k], expected[k], none, streak)
+        found = _Assessed(sizes[k], expected[k], none, streak)
         if k == 0 and judged is not None:
             found = judged
         elif suspicious and valid[:, k].any():
-            found = _Judged(sizes[k], expected[k], wild[k] & (streak < LONGEST_SPIKE), np.where(wild[k], streak + 1, 0))
+            found = _Assessed(sizes[k], expected[k], wild[k] & (streak < LONGEST_SPIKE), np.where(wild[k], streak + 1, 0))
             if found.skipped.any():
                 return states, found
         streak = found.streak

@@ -45,7 +45,7 @@ class Relinearised:
     apart: np.ndarray
 
 
-def told_enough(bank: OnlineBank, state: BankState, names: Sequence[str]) -> bool:
+def informative_enough(bank: OnlineBank, state: BankState, names: Sequence[str]) -> bool:
     """Whether the most likely filter knows any of these parameters twice as well as before the first row."""
     at = [bank.names.index(name) for name in names]
     return bool(np.any(state.std(state.best)[at] < SHARPER * np.sqrt(np.diagonal(bank.covariance)[at])))
@@ -107,7 +107,7 @@ def due(current: Relinearised, names: Sequence[str]) -> bool:
     return bool(np.any(std < SHARPER * before) or np.any(np.abs(mean - current.mean)[at] > MOVED * before))
 
 
-def weighed(current: Relinearised | None, found: Relinearised | None, names: Sequence[str]) -> Relinearised | None:
+def sharper_of(current: Relinearised | None, found: Relinearised | None, names: Sequence[str]) -> Relinearised | None:
     """Which of the two goes on, where ``found`` comes from the last rows alone.
 
     It does if these parameters are hardly less sharp by it: then these rows hold what is known. Else the current one does, which was linearised

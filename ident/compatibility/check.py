@@ -69,7 +69,7 @@ def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *
     for record in records:
         _refuse(record)
     if misled := misled_by_bank(records, settings.airspeed, settings.gravity):
-        return _nothing_told(records, misled)
+        return _nothing_observable(records, misled)
     if has_six_degrees(records, settings) if six is None else six:
         return six_degrees(records, settings, each=each)
     records = [_longitudinal(record) for record in records]
@@ -113,7 +113,7 @@ def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *
     return Compatibility(channels, joined, joint, tuple(single), _reconstructions(whole, found.found), told, tuple(notes))
 
 
-def _nothing_told(records: Sequence[Record], why: tuple[str, ...]) -> Compatibility:
+def _nothing_observable(records: Sequence[Record], why: tuple[str, ...]) -> Compatibility:
     """A check that closes no relation."""
     empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
     single = tuple(replace(empty, records=(record.name,)) for record in records)

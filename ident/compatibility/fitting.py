@@ -300,10 +300,10 @@ def cannot_tell(base: KinematicFit, noise: RelationNoise, channels: Sequence[str
     deviation is above one such unit; two faults look alike where what they change has a projected cosine of 0.95.
     """
     faults = faults_of(channels, drifts=True, biases=True)
-    return untold(fault_information(base, noise, faults), faults, channels)
+    return unobservable_faults(fault_information(base, noise, faults), faults, channels)
 
 
-def untold(information: np.ndarray, faults: Sequence[SensorFault], channels: Sequence[str]) -> tuple[str, ...]:
+def unobservable_faults(information: np.ndarray, faults: Sequence[SensorFault], channels: Sequence[str]) -> tuple[str, ...]:
     """What ``information (k, k)`` on ``faults`` of ``channels``, in units of their plausible sizes, leaves open, in sentences."""
     silent = np.diag(information) < 1.0
     out = []

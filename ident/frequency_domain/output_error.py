@@ -296,7 +296,7 @@ def frequency_fit(
     """The fit behind ``fit_frequency_domain``, None where no start has a finite cost, and the problem."""
     settings = settings or FrequencySettings()
     refuse_unfit(records, system, delays or {})
-    problem = _posed(records, system, settings, delays or {})
+    problem = _problem_of(records, system, settings, delays or {})
     fit = from_best_start(problem, records)
     if fit is not None:
         bands = equal_bands([record.omega for record in problem.records])
@@ -354,7 +354,7 @@ def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]
     return corrected * np.outer(factor, factor) + unknown, determined
 
 
-def _posed(records: Sequence[Record], system: System, settings: FrequencySettings, delays: Mapping[str, str]) -> FrequencyProblem:
+def _problem_of(records: Sequence[Record], system: System, settings: FrequencySettings, delays: Mapping[str, str]) -> FrequencyProblem:
     names = tuple(name for name in system.parameters.free_names if not name.startswith("bias_"))
     if not names:
         raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")

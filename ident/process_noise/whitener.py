@@ -151,7 +151,7 @@ class Variation:
     scale: float
 
 
-Told = Callable[[np.ndarray], np.ndarray]
+NoiseReport = Callable[[np.ndarray], np.ndarray]
 
 
 def discretised_noise(problem: RecordProblem, states: np.ndarray, at: Variation) -> DiscretisedNoise:
@@ -180,7 +180,7 @@ def linear_motion(
 
 
 def discrete_motion(
-    F: np.ndarray, steps: np.ndarray, density: np.ndarray, stationary: np.ndarray, told: Told = np.asarray
+    F: np.ndarray, steps: np.ndarray, density: np.ndarray, stationary: np.ndarray, told: NoiseReport = np.asarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Phi and Q ``(K or 1, V, n, n)`` over node intervals, or what is ``told`` of them, and covariance at the start ``(V, n, n)``."""
     if F.shape[-1] == 0:
@@ -245,7 +245,7 @@ def _reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
     return np.flatnonzero(reached)
 
 
-def _over_steps(F: np.ndarray, density: np.ndarray, steps: np.ndarray, told: Told) -> tuple[np.ndarray, np.ndarray]:
+def _over_steps(F: np.ndarray, density: np.ndarray, steps: np.ndarray, told: NoiseReport) -> tuple[np.ndarray, np.ndarray]:
     """Phi and Q over each step, ``(K or 1, V, n, n)``, or what is ``told`` of them, from ``F (K or 1, V, n, n)`` and ``density (V, n)``."""
     low, high = float(steps.min()), float(steps.max())
     even = high - low <= 1e-9 * high
@@ -291,7 +291,9 @@ def _barycentric(knots: np.ndarray, weights: np.ndarray, at: np.ndarray) -> np.n
     return share / share.sum(axis=1, keepdims=True)
 
 
-def discretised(F: np.ndarray, density: np.ndarray, dt: np.ndarray, terms: int = _TERMS, told: Told = np.asarray) -> tuple[np.ndarray, np.ndarray]:
+def discretised(
+    F: np.ndarray, density: np.ndarray, dt: np.ndarray, terms: int = _TERMS, told: NoiseReport = np.asarray
+) -> tuple[np.ndarray, np.ndarray]:
     """exp(F dt) and the integral of exp(F s) diag(density) exp(F s)^T over the step, both to rounding.
 
     Shapes ``(K, ..., n, n)``, ``(..., n)``, ``(K, ...)``. Taylor series of Phi and of the solution of Q_dot = F Q + Q F^T + diag(density)

@@ -322,7 +322,7 @@ def _instrumental(layout: _Layout, theta: np.ndarray, settings: RegressionSettin
     while True:
         done += 1
         again = _simulated(layout, theta) if 1 < done <= SIMULATIONS else simulated
-        posed = None if again is None else _posed(layout, theta, again)
+        posed = None if again is None else _normal_problem(layout, theta, again)
         if again is None or posed is None:
             return None
         simulated = again
@@ -335,7 +335,7 @@ def _instrumental(layout: _Layout, theta: np.ndarray, settings: RegressionSettin
 
 
 @dataclass(frozen=True, eq=False)
-class _Posed:
+class _NormalProblem:
     """``inverse @ gradient`` is the step of all unknowns, ``size`` their sigmas with the others known, ``scores`` what each record adds."""
 
     inverse: np.ndarray
@@ -344,7 +344,7 @@ class _Posed:
     scores: list[RecordScores]
 
 
-def _posed(layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]]) -> _Posed | None:
+def _normal_problem(layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]]) -> _NormalProblem | None:
     """The equations of instrumental variables at ``theta``; None where they are not finite or not regular."""
     measured = _evaluate(layout, theta, [_measured(layout, r, theta) for r in range(len(layout.records))])
     instruments = _evaluate(layout, theta, simulated)
@@ -362,7 +362,7 @@ def _posed(layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]]
     scaled = cross * np.outer(size, size)
     if not np.all(np.isfinite(scaled)) or np.linalg.cond(scaled) > 1.0 / UNDETERMINED:
         return None
-    return _Posed(np.linalg.inv(scaled) * np.outer(size, size), gradient, size, scores)
+    return _NormalProblem(np.linalg.inv(scaled) * np.outer(size, size), gradient, size, scores)
 
 
 def _sharpest(layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]], settings: RegressionSettings) -> _Layout:
@@ -377,7 +377,7 @@ def _sharpest(layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarra
             for record, each in zip(layout.records, layout.data, strict=True)
         )
         trial = replace(layout, data=data)
-        posed = _posed(trial, theta, simulated)
+        posed = _normal_problem(trial, theta, simulated)
         if posed is None:
             continue
         covariance = sandwich(posed.inverse, posed.scores, coloured=settings.coloured)[:n, :n]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from scenarios.api import plot, tables
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices
-from scenarios.api.requests import KEPT, Declared, Found, Named, Progress, Source, Times, plan_from, request_of, untold, with_parts
+from scenarios.api.requests import KEPT, Declared, Found, Named, Progress, Source, Times, no_progress, plan_from, request_of, with_parts
 from scenarios.api.shown import Effect, Parameter, Parameters, claimed_effects, prediction_of, write_report
 from scenarios.api.vehicle import Vehicle
 from scenarios.diagnosis.diagnose import diagnose_files
@@ -21,7 +21,7 @@ from scenarios.diagnosis.tracing import Tracing
 from scenarios.plots.formats import formats_wanted
 from scenarios.survey import survey as surveying
 from scenarios.survey.files import write_survey
-from scenarios.survey.report import derivative_rows, drifts, effect_rows, outstanding, survey_text, verdict_of
+from scenarios.survey.report import derivative_rows, drifts, effect_rows, outlying, survey_text, verdict_of
 from scenarios.tasks.processes import available_cores
 
 if TYPE_CHECKING:
@@ -242,7 +242,7 @@ def diagnose(
         aircraft_class=aircraft_class,
         category=category,
     )
-    return Diagnosis(diagnose_files(with_parts(request, maneuver, maneuvers), progress or untold))
+    return Diagnosis(diagnose_files(with_parts(request, maneuver, maneuvers), progress or no_progress))
 
 
 def _parameters(quantities: Mapping[str, Quantity]) -> Parameters:
@@ -287,7 +287,7 @@ class Survey:
     @property
     def standing_out(self) -> tuple[tuple[str, str, float], ...]:
         """Flights that stand out: flight, derivative, by how many standard deviations."""
-        return tuple(outstanding(self.details))
+        return tuple(outlying(self.details))
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Derivatives, one row a flight: value (``Cm_alpha``) and sigma (``Cm_alpha_std``) of each in SI, and the flight's conditions."""
@@ -358,5 +358,5 @@ def survey(
     InputError : anything wrong in the file, in one line. A flight that cannot be used is told in ``failed``.
     """
     kept = Path(folder) if folder is not None else Path(mkdtemp(prefix="flightid-survey-"))
-    found = surveying.survey_flights(Path(flights), kept, jobs or available_cores(), formats_wanted(figures), progress or untold, cluster)
+    found = surveying.survey_flights(Path(flights), kept, jobs or available_cores(), formats_wanted(figures), progress or no_progress, cluster)
     return Survey(found, kept)

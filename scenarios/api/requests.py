@@ -59,7 +59,7 @@ class Runner:
     counted: bool = True
 
 
-def untold(stage: str, share: float) -> None:
+def no_progress(stage: str, share: float) -> None:
     """Progress that nobody asked for."""
 
 

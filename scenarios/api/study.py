@@ -16,7 +16,7 @@ from ident.flying_qualities.modes import state_space, to_control
 from scenarios.api import plot, tables
 from scenarios.api.diagnosis import Diagnosis
 from scenarios.api.record import Record, record_of
-from scenarios.api.requests import KEPT, LOADERS, Declared, Flight, Runner, flown, model_of, untold
+from scenarios.api.requests import KEPT, LOADERS, Declared, Flight, Runner, flown, model_of, no_progress
 from scenarios.api.shown import Parameter, Parameters, row_of, write_report
 from scenarios.api.vehicle import Vehicle, source_of
 from scenarios.files.declarations import named_after
@@ -33,7 +33,7 @@ from scenarios.studies.campaign_report import findings_content
 from scenarios.studies.catalogue import IDENTIFICATION, load_document, moved, scenario_file, scenario_kind
 from scenarios.studies.estimating import assumed_noise, compiled, declared_model, flight_constants
 from scenarios.studies.study import StudyResult
-from scenarios.tasks.study import Manner
+from scenarios.tasks.study import Execution
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -217,7 +217,7 @@ def run(
     kind = scenario_kind(text)
     runner = LOADERS[kind](text, changes_of(set))
     with named_after(scenario_file(text)):
-        return Study(Path(text).stem if text.endswith(".toml") else text, kind, runner.run(seed, progress or untold), runner)
+        return Study(Path(text).stem if text.endswith(".toml") else text, kind, runner.run(seed, progress or no_progress), runner)
 
 
 def simulate(name: str | PathLike[str], *, seed: int | None = None, set: Settings = None) -> Flight:
@@ -385,11 +385,11 @@ def campaign(
     if kind != IDENTIFICATION:
         what = f"there is no campaign of a scenario of kind {kind}"
         raise DeclarationError(what, where="campaign", remedy="name a scenario of estimators")
-    manner = Manner(jobs, None if out is None else Path(out), resume, cluster, time_limit)
+    manner = Execution(jobs, None if out is None else Path(out), resume, cluster, time_limit)
     document, short, where = load_document(text, changes_of(set))
     again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
     with named_after(where):
-        found = campaigns.fly_campaign(again.scenario(), count, seed_of(seed), method or "main", untold, manner, again)
+        found = campaigns.fly_campaign(again.scenario(), count, seed_of(seed), method or "main", no_progress, manner, again)
     if len(found.seeds) < found.asked:
         raise KeyboardInterrupt(f"{len(found.seeds)} of {count} runs had ended")  # a program must not go on as if all had
     return Campaign(found, noise_levels)

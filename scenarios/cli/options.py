@@ -107,7 +107,7 @@ Model = Annotated[
     str, typer.Option("--model", metavar="M", autocompletion=models, help=f"{', '.join(MODEL_NAMES)}, or FILE.py with a model of your own.")
 ]
 Records = Annotated[list[Path], typer.Argument(metavar="RECORD...", help="Record files of one vehicle, from any recorder.")]
-VehicleBeside = Annotated[
+VehicleOption = Annotated[
     Path | None,
     typer.Option(
         "--vehicle",
@@ -174,7 +174,7 @@ class OutputOptions:
 
 
 @contextlib.contextmanager
-def telling(out: Path | None, figures: Formats, *, quiet: bool, as_json: bool, documents: Sequence[str] = ()) -> Iterator[OutputOptions]:
+def output_options(out: Path | None, figures: Formats, *, quiet: bool, as_json: bool, documents: Sequence[str] = ()) -> Iterator[OutputOptions]:
     """Run a command that prints on stdout and writes ``documents``, by their paths in its folder, the study's JSON.
 
     With ``as_json`` nothing of it is printed but its document, several of them as a list; with ``quiet`` nothing but the warnings that its

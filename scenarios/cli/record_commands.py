@@ -30,7 +30,7 @@ from scenarios.cli.options import (
     Records,
     To,
     Trust,
-    VehicleBeside,
+    VehicleOption,
     methods,
     of,
 )
@@ -70,11 +70,11 @@ def maneuvers(
     as_json: AsJson = False,
 ) -> None:
     """The maneuvers in a long record: steps, doublets, 3-2-1-1, sweeps, multisines, pull-ups, turns, trim points."""
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.records import search_record
 
     plan = plan_of(rate=rate, columns=columns)
-    with telling(
+    with output_options(
         out,
         formats_of(figures, no_figures),
         quiet=quiet,
@@ -186,13 +186,13 @@ def response(
     as_json: AsJson = False,
 ) -> None:
     """Frequency responses of any record: magnitude, phase, coherence and their errors."""
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.records import respond
 
     plan = plan_of(start, stop, hold, rate, lowpass, columns=columns)
     plan = with_maneuvers(plan, records, maneuver, maneuvers)
     request = Request(tuple(records), channels=channels, plan=plan)
-    with telling(
+    with output_options(
         out,
         formats_of(figures, no_figures),
         quiet=quiet,
@@ -218,7 +218,7 @@ def response(
 def identify(
     records: Records,
     model: Model,
-    vehicle: VehicleBeside = None,
+    vehicle: VehicleOption = None,
     channels: Channels = None,
     columns: Columns = None,
     start: From = None,
@@ -255,7 +255,7 @@ def identify(
     as_json: AsJson = False,
 ) -> None:
     """Parameters of a model from measured records."""
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.records import identify_records, options_of
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
@@ -263,7 +263,7 @@ def identify(
     request = Request(
         tuple(records), model, vehicle, tuple(validate or ()), channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category
     )
-    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
+    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
         identify_records(request, method, told.out, told.figures, options_of(profile, band, engine), matrices)
 
 
@@ -273,7 +273,7 @@ def identify(
 def diagnose(
     records: Records,
     model: Model,
-    vehicle: VehicleBeside = None,
+    vehicle: VehicleOption = None,
     validate: Annotated[
         list[Path] | None,
         typer.Option("--validate", metavar="RECORD...", help="Predict these records; else the last of several, or the last part of one."),
@@ -301,13 +301,13 @@ def diagnose(
     as_json: AsJson = False,
 ) -> None:
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.diagnose import diagnose_records
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
     plan = with_maneuvers(plan, records, maneuver, maneuvers)
     request = Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort, aircraft_class, category)
-    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["diagnosis.json"]) as told:
+    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["diagnosis.json"]) as told:
         diagnose_records(request, told.out, told.figures, progress=told.progress)
 
 
@@ -334,14 +334,14 @@ def predict(
     as_json: AsJson = False,
 ) -> None:
     """The model of a study on another record: initial states and biases alone are fitted."""
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.failures import one_segment
     from scenarios.commands.records import predict_with_study
     from scenarios.prediction import PredictionRequest
 
     plan = plan_of(start, stop, rate=rate, trusted=trust, columns=columns)
     plan = one_segment(with_maneuvers(plan, [record], maneuver, maneuvers))
-    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["prediction.json"]) as told:
+    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["prediction.json"]) as told:
         predict_with_study(PredictionRequest(study, record, channels, plan, model, effects), told.out, told.figures)
 
 
@@ -350,7 +350,7 @@ def predict(
 
 def check(
     records: Records,
-    vehicle: VehicleBeside = None,
+    vehicle: VehicleOption = None,
     channels: Channels = None,
     columns: Columns = None,
     start: From = None,
@@ -368,12 +368,12 @@ def check(
     as_json: AsJson = False,
 ) -> None:
     """Data compatibility: what the kinematics alone say of the sensors."""
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.records import check_records
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust, columns=columns)
     plan = with_maneuvers(plan, records, maneuver, maneuvers)
-    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["compatibility.json"]) as told:
+    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["compatibility.json"]) as told:
         check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), told.out, told.figures)
 
 
@@ -426,10 +426,10 @@ def survey(
         return
     if flights is None:
         raise DeclarationError("no file is named", where="FLIGHTS.toml", remedy="flightid survey --example prints one to edit")
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.records import survey_records
 
-    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["survey.json"]) as told:
+    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["survey.json"]) as told:
         survey_records(flights, told.out, jobs, told.figures, progress=told.progress, cluster=cluster)
 
 
@@ -469,9 +469,9 @@ def watch(
     as_json: AsJson = False,
 ) -> None:
     """Identification of a stream: rows as they arrive, estimates against a reference."""
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.watch import watch_stream
 
     plan = plan_of(rate=rate, columns=columns)
-    with telling(out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
+    with output_options(out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
         watch_stream(record, model, vehicle, reference, channels, told.out, idle, until_end, refine, page, port, plan, band)

@@ -51,11 +51,11 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Simulate, identify and compare: true, estimated, published."""
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.studies import documents_of, run_and_compare, run_scenarios
 
     work = run_and_compare if compare else run_scenarios
-    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=documents_of(names, compare)) as told:
+    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=documents_of(names, compare)) as told:
         work(names, seed, told.out, changes or [], told.figures, progress=told.progress)
 
 
@@ -80,13 +80,13 @@ def simulate(
     as_json: Annotated[bool, typer.Option("--json", help="Print the names of the files as JSON, and nothing else.")] = False,
 ) -> None:
     """The record of a scenario alone, or of a flight of a model of your own."""
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.failures import scenario_or_own
     from scenarios.commands.studies import files_text
     from scenarios.commands.studies import simulate as simulate_what
 
     what = scenario_or_own(name, model, vehicle, inputs, noise, hidden, duration, rate)
-    with telling(None, (), quiet=quiet or as_json, as_json=False):
+    with output_options(None, (), quiet=quiet or as_json, as_json=False):
         files = simulate_what(what, out, seed, changes or [])
     if as_json:
         print(files_text(files))
@@ -121,21 +121,21 @@ def campaign(
     as_json: AsJson = False,
 ) -> None:
     """Monte Carlo: bias, scatter against reported sigma, coverage."""
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.failures import scenario_or_own
     from scenarios.commands.studies import own_campaign, refuse_method, run_campaign
-    from scenarios.tasks.study import Manner
+    from scenarios.tasks.study import Execution
 
     what = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
     if runs is None:
         raise DeclarationError("no number of runs is given", where="--runs", remedy="give two or more")
     formats, documents = formats_of(figures, no_figures), ["campaign.json"]
-    with telling(out, formats, quiet=quiet, as_json=as_json, documents=documents) as told:
+    with output_options(out, formats, quiet=quiet, as_json=as_json, documents=documents) as told:
         run = partial(
             run_campaign if isinstance(what, str) else own_campaign,
             runs=runs,
             seed=seed,
-            manner=Manner(jobs, told.out, resume, cluster, time_limit),
+            manner=Execution(jobs, told.out, resume, cluster, time_limit),
             changes=changes or [],
             figures=told.figures,
             levels=noise_levels,
@@ -161,10 +161,10 @@ def compare(
     as_json: AsJson = False,
 ) -> None:
     """Studies side by side: estimates, errors, published values and responses, from their folders alone."""
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.studies import compare_studies
 
-    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["compared.json"]) as told:
+    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["compared.json"]) as told:
         compare_studies(studies, told.out, every, told.figures)
 
 
@@ -198,13 +198,13 @@ def design(
     as_json: AsJson = False,
 ) -> None:
     """Before flying: which maneuver determines the derivatives best, or tells effects apart."""
-    from scenarios.cli.options import telling
+    from scenarios.cli.options import output_options
     from scenarios.commands.studies import design_maneuver
     from scenarios.maneuver_design.setting import DesignRequest
 
     names = tuple(name.strip() for name in tell.split(",") if name.strip())
     asked = DesignRequest(model, vehicle, limits, names, size, tuple(values or ()), tuple(noise or ()), tuple(amplitude or ()), duration, rate, band)
-    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["design.json"]) as told:
+    with output_options(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["design.json"]) as told:
         design_maneuver(asked, told.out, told.figures, progress=told.progress)
 
 

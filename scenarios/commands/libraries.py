@@ -164,7 +164,7 @@ NEAR = 1e-5  # of complex steps to differences, whose own error is smaller
 
 def show_models(name: str | None) -> None:
     """All models, one line each, or one in full."""
-    from scenarios.files.user_models import is_model_file, read_own_model
+    from scenarios.files.user_models import is_model_file, read_user_model
     from scenarios.files.vehicles import MODELS, refuse_unknown_model
 
     if name is None:
@@ -178,7 +178,7 @@ def show_models(name: str | None) -> None:
         print(f"{name}: {TITLES[name]}\n\n{(sys.modules[type(equations).__module__].__doc__ or '').strip()}\n")
         _print_equations(equations, constants.items(), derivatives.items())
         return
-    own = read_own_model(name, MODELS)
+    own = read_user_model(name, MODELS)
     items = own.model.parameters
     text = getattr(own.model.equations, "explanation", "")
     print(f"{own.model.name}: the model of {own.identity.name}\n" + (f"\n{text}\n" if text else ""))

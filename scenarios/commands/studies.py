@@ -16,7 +16,7 @@ from scenarios.studies.campaign import Progress as CampaignProgress
 from scenarios.studies.campaign_causes import Judgement, judge
 from scenarios.studies.campaign_report import print_campaign, write_campaign
 from scenarios.studies.declaration import Scenario
-from scenarios.tasks.study import Manner, stopped
+from scenarios.tasks.study import Execution, stopped
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.summary import details_in, written_to
 from sim.errors import DeclarationError, FlightidError
@@ -239,7 +239,7 @@ def own_campaign(
     asked: OwnFlight,
     runs: int,
     seed: int | None,
-    manner: Manner,
+    manner: Execution,
     changes: Sequence[str],
     figures: Formats = USUAL,
     *,
@@ -260,7 +260,7 @@ def run_campaign(
     name: str,
     runs: int,
     seed: int | None,
-    manner: Manner,
+    manner: Execution,
     changes: Sequence[str],
     method: str | None = None,
     figures: Formats = USUAL,
@@ -303,7 +303,7 @@ def _run(
     again: Rebuilt,
     runs: int,
     seed: int | None,
-    manner: Manner,
+    manner: Execution,
     figures: Formats,
     method: str = "main",
     *,
@@ -312,7 +312,7 @@ def _run(
 ) -> None:
     with named_after(again.where), progress_bar(progress) as tell:
         campaign = fly_campaign(scenario, runs, seed, method, tell, manner, again)
-        judgement, ended = _judged(campaign, levels, tell)
+        judgement, ended = _assessed(campaign, levels, tell)
     out = manner.out
     print_campaign(campaign, details=details_in(out), judgement=judgement)
     if out is not None:
@@ -324,7 +324,7 @@ def _run(
         raise KeyboardInterrupt("all runs had ended; why sigmas are wrong was not looked for to the end")
 
 
-def _judged(campaign: CampaignRuns, levels: bool, tell: CampaignProgress) -> tuple[Judgement, bool]:
+def _assessed(campaign: CampaignRuns, levels: bool, tell: CampaignProgress) -> tuple[Judgement, bool]:
     """What is said of the runs; of a campaign that was stopped no causes. False where Ctrl-C ended the search for them."""
     whole = len(campaign.seeds) == campaign.asked
     tell("whether the sigmas are right, and why not", 1.0)

@@ -14,7 +14,7 @@ import numpy as np
 from ident.frequency_domain.online import HIGH, LOW, SPACING, frequencies
 from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_model
 from scenarios.identification.low_order import PAPER_START
-from scenarios.watching.reference import read_reference, standings
+from scenarios.watching.reference import comparisons, read_reference
 from scenarios.watching.rows import Fault, Lines, Read, at_end, growing_file, lines_of, standard_input
 from scenarios.watching.session import STOPPED, Session, Step, Watch, pieces, record_of, report, rows_in, session_of, start, take
 from scenarios.watching.show import display, print_end
@@ -238,7 +238,7 @@ def _finished(watch: Watch, session: Session, refine: bool) -> Outcome:
         except FlightidError as error:
             print(f"flightid: not refined: {error}", file=sys.stderr)
     if found is None:
-        items = standings(online.estimate, online.derived, watch.reference, online.hanging)
+        items = comparisons(online.estimate, online.derived, watch.reference, online.hanging)
     else:
-        items = standings(found.estimate, found.derived, watch.reference)
+        items = comparisons(found.estimate, found.derived, watch.reference)
     return Outcome(record, found, online, session.bank.delays, items, watch.left_out, watch.mended, session.spikes, watch.reason)

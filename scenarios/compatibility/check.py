@@ -16,10 +16,10 @@ from scenarios.files.channel_names import STICK, TIME
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile, all_simulated, identities, read_record_files, refuse_twice, with_names
 from scenarios.files.sources import InputFile
-from scenarios.files.vehicles import VehicleFile, read_any_vehicle, read_beside, vehicle_beside
+from scenarios.files.vehicles import VehicleFile, files_read_unnamed, read_any_vehicle, vehicle_next_to
 from scenarios.preparation.plan import Plan, Request, Segment, column_choices
 from scenarios.preparation.reading import split_at_gaps
-from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_of, joined, looked_at
+from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, checked_records, expectations_of, joined
 from sim.declaration.effect import AIRSPEEDS
 from sim.errors import RecordError
 from sim.maths import G0
@@ -47,7 +47,7 @@ class CompatibilityCheck:
     files: tuple[InputFile, ...]
     vehicle: InputFile | None
     notes: tuple[str, ...] = ()
-    look: RawLook = NOTHING_SEEN
+    look: RecordCheck = NOTHING_SEEN
     simulated: bool = False
     declared_speed: float | None = None
     declared_density: float | None = None
@@ -91,7 +91,7 @@ def check_files(request: Request) -> CompatibilityCheck:
     FlightidError : anything in the files that keeps them from being used, in one line.
     """
     refuse_twice(request.records)
-    beside = vehicle_beside(request.records[0]) if request.vehicle is None else None
+    beside = vehicle_next_to(request.records[0]) if request.vehicle is None else None
     chosen = request.vehicle if request.vehicle is not None else beside
     declared = read_any_vehicle(chosen) if chosen is not None else None
     settings = settings_of(declared) if declared is not None else CompatibilitySettings()
@@ -103,7 +103,7 @@ def check_files(request: Request) -> CompatibilityCheck:
     look = joined([look for _, _, look in read], trusted=plan.trusted)
     result = compatibility(records, settings)
     vehicle = declared.identity if declared is not None else None
-    notes = (*read_beside(files, beside), *plan.chosen, *(note for _, told, _ in read for note in told), *(note for _, note in parted if note))
+    notes = (*files_read_unnamed(files, beside), *plan.chosen, *(note for _, told, _ in read for note in told), *(note for _, note in parted if note))
     check = CompatibilityCheck(result, records, settings, identities(files), vehicle, notes, look, all_simulated(files))
     if declared is None:
         return check
@@ -127,7 +127,7 @@ def _airspeed_of(vehicle: VehicleFile) -> float:
 
 def record_to_check(
     file: RecordFile, segment: Segment, plan: Plan, choices: Mapping[str, ColumnChoice] | None = None, vehicle: VehicleFile | None = None
-) -> tuple[Record, tuple[str, ...], RawLook]:
+) -> tuple[Record, tuple[str, ...], RecordCheck]:
     """A part of a file with every channel that the kinematics know, sentences on how it was prepared, and what its raw columns show.
 
     ``choices``: a channel map. ``vehicle``: its air density makes an airspeed of a recorded dynamic pressure where none is recorded.
@@ -146,7 +146,7 @@ def record_to_check(
     inputs = tuple(channel for channel in read.outputs if channel.name in INPUTS and np.all(channel.valid))
     outputs = tuple(channel for channel in read.outputs if channel.name not in INPUTS)
     record = replace(read, inputs=inputs, outputs=outputs, name=named(file.identity.name, segment, several=len(plan.segments) > 1))
-    (record,), look = looked_at([_unwrapped(record)], _expected(vehicle), plan)
+    (record,), look = checked_records([_unwrapped(record)], _expected(vehicle), plan)
     record, of_speed = _with_speed(record, vehicle)
     if not measured_channels(record) and not recorded(record):
         what = f"none of the channels that the kinematics join ({', '.join(CHANNELS)})"

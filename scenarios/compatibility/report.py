@@ -136,7 +136,7 @@ def odds(finding: SensorFinding, findings: Sequence[SensorFinding]) -> str:
     known = [(by_name[name], share) for name, share in finding.probabilities.items() if name in by_name]
     if len(known) < 2 or not any(item.kind in PLACES for item, _ in known):
         return ""
-    shown = [f"{_share(share)} that {what_it_is(item)}" for item, share in sorted(known, key=lambda pair: -pair[1])]
+    shown = [f"{_share(share)} that {fault_text(item)}" for item, share in sorted(known, key=lambda pair: -pair[1])]
     prior = "a vane is metres ahead, an accelerometer within half a chord or a metre of the centre of gravity"
     return f"probabilities, as {prior}: {'; '.join(shown)}"
 
@@ -148,10 +148,10 @@ def _share(share: float) -> str:
 def sentence(finding: SensorFinding) -> str:
     """One finding with its alternatives."""
     other = f"; {' or '.join(finding.group)} would do as well" if finding.group else ""
-    return f"{finding.name}, {what_it_is(finding)} (gain {finding.gain:.1f}{other})"
+    return f"{finding.name}, {fault_text(finding)} (gain {finding.gain:.1f}{other})"
 
 
-def what_it_is(finding: SensorFinding) -> str:
+def fault_text(finding: SensorFinding) -> str:
     """What is wrong with the sensor, and by how much."""
     factor, shown = shown_in(finding.unit)
     value = f"{number_text(factor * finding.value, factor * finding.std)} +- {number_text(factor * finding.std, factor * finding.std)}"

@@ -17,7 +17,7 @@ from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.tracing import Inputs, Tracing
 from scenarios.files.measured.record_file import all_simulated, refuse_twice
 from scenarios.files.user_models import is_of_aircraft, moves_about_rest
-from scenarios.files.vehicles import read_beside, refuse_unknown_model, vehicle_beside
+from scenarios.files.vehicles import files_read_unnamed, refuse_unknown_model, vehicle_next_to
 from scenarios.preparation.declared_model import BETTER, step_for
 from scenarios.preparation.plan import WHOLE, Plan, Request
 from scenarios.preparation.reading import Parted, parts_of, put_together
@@ -95,8 +95,8 @@ class _Study:
 
     def _read_beside(self) -> tuple[str, ...]:
         """The files that were read without being named."""
-        beside = vehicle_beside(self.request.records[0]) if self.request.vehicle is None else None
-        return read_beside([*self.opened.records, *self.opened.validation], beside)
+        beside = vehicle_next_to(self.request.records[0]) if self.request.vehicle is None else None
+        return files_read_unnamed([*self.opened.records, *self.opened.validation], beside)
 
     def told(self, posed: Posed, diagnosis: Diagnosis, kinematics: Kinematics | None = None, decides: DesignResult | None = None) -> Tracing:
         """The result with what went in."""
@@ -157,9 +157,9 @@ def _may_read_again(opened: Opened, plan: Plan) -> bool:
 
 
 def _guards(model: Model) -> Sequence[Traceable]:
-    from sim.effects.library import guards_for
+    from sim.effects.library import catch_all_terms_for
 
-    return can_act(guards_for(model.equations), model)
+    return can_act(catch_all_terms_for(model.equations), model)
 
 
 def _loop(model: Model) -> Trace:

@@ -12,12 +12,12 @@ from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import RecordFile, identities, path_of, read_with_validation
 from scenarios.files.sources import InputFile, Source, read_source
 from scenarios.files.user_models import channel_units, is_model_file
-from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_beside
+from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_next_to
 from scenarios.preparation.declared_model import outputs_with_bias
 from scenarios.preparation.plan import Plan, Request, column_choices, flown_of
 from scenarios.preparation.plausibility import split_off
 from scenarios.preparation.reading import Parted
-from scenarios.preparation.recording import RawLook
+from scenarios.preparation.recording import RecordCheck
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.errors import DeclarationError
@@ -57,7 +57,7 @@ class Posed:
     held_out_from: float | None
     notes: tuple[str, ...]
     doubts: tuple[str, ...]
-    look: RawLook
+    look: RecordCheck
     parted: tuple[Parted, ...] = ()
 
 
@@ -89,11 +89,11 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
 
 
 def _ready(opened: Opened, model: Model, plan: Plan) -> Prepared:
-    from scenarios.preparation.plausibility import refuse_strangers
+    from scenarios.preparation.plausibility import refuse_unrelated_records
     from scenarios.preparation.reading import prepare
 
     ready = prepare(opened.records, model, plan, opened.choices, opened.validation, attitude=True)
-    refuse_strangers(ready.fitted, ready.validation)
+    refuse_unrelated_records(ready.fitted, ready.validation)
     return ready
 
 
@@ -116,7 +116,7 @@ def _biased(model: Model, records: Sequence[Record]) -> list[str]:
 def vehicle_path_of(request: Request) -> Path | Source | None:
     """The vehicle file, None where an own model goes without one."""
     first = request.records[0]
-    chosen = request.vehicle if request.vehicle is not None else vehicle_beside(first)
+    chosen = request.vehicle if request.vehicle is not None else vehicle_next_to(first)
     if chosen is None and not is_model_file(request.model):
         what = f"the {request.model} model needs constants and starting values"
         raise DeclarationError(

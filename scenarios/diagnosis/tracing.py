@@ -13,7 +13,7 @@ from scenarios.files.channel_names import STICK
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile
 from scenarios.preparation.plan import Plan
-from scenarios.preparation.recording import NOTHING_SEEN, RawLook
+from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traits
 from sim.record import Record
@@ -63,7 +63,7 @@ class Tracing:
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     kinematics: Kinematics | None = None
-    look: RawLook = NOTHING_SEEN
+    look: RecordCheck = NOTHING_SEEN
     overflows: int = 0
     effort: str = NORMAL.effort
     flown: Flown = field(default_factory=Flown)

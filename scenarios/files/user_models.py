@@ -18,7 +18,7 @@ from scenarios.files.channel_names import CHANNEL_UNITS, TIME
 from scenarios.files.declarations import WANTED, closest, run_python, toml_of
 from scenarios.files.sources import InputFile, Source, read_source
 from sim.declaration.model import Model, Tie
-from sim.declaration.user_equations import OwnEquations, Starts, parameters_asked
+from sim.declaration.user_equations import OwnEquations, Starts, parameters_read
 from sim.errors import DeclarationError, ModelError
 
 # ---- What a vehicle file lays down about its parameters
@@ -72,7 +72,7 @@ def take_constraints(content: dict[str, Any], units: Mapping[str, str], path: st
     return Constraints(fixed, _bounds(given["bounds"], known, units, (*fixed, *(tie.name for tie in ties)), path), ties)
 
 
-def said_where_it_stands(error: DeclarationError, constraints: Constraints, path: str | Path) -> DeclarationError:
+def with_place(error: DeclarationError, constraints: Constraints, path: str | Path) -> DeclarationError:
     """A fault of a start that came from ``[fixed]`` or ``[tied]``, with the key under which the user wrote it."""
     for table, names in (("fixed", constraints.fixed), ("tied", [tie.name for tie in constraints.ties])):
         for name in names:
@@ -288,7 +288,7 @@ def unit_in(model: Model, name: str) -> str:
     return signals[name] if name in signals else model.parameters[name].unit if name in model.parameters else "1"
 
 
-def read_own_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:
+def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:
     """The ``MODEL`` of a user's Python file, which is run once; what the file says of itself becomes the equations' explanation.
 
     Raises
@@ -308,7 +308,7 @@ def read_own_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel
 
 
 def model_in_memory(model: object, built_in: tuple[str, ...] = ()) -> OwnModel:
-    """A user's own model that was made in Python and stands in no file. Raises DeclarationError as ``read_own_model``."""
+    """A user's own model that was made in Python and stands in no file. Raises DeclarationError as ``read_user_model``."""
     own = checked_model(model, "model", built_in)
     numbers = repr([(item.name, item.value, item.unit, item.free) for item in (*own.parameters, *own.initial)])
     return OwnModel(own, InputFile(own.name, hashlib.sha256(f"{own.name}: {numbers}".encode()).hexdigest()))
@@ -330,7 +330,7 @@ def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> Non
     """Raise DeclarationError, with its line, for a parameter that no equation has: none asks for it, and nowhere in the file is it spelt as one."""
     rest = dict(zip((signal.name for signal in equations.inputs), inputs_at_rest(model), strict=True))
     signals = {TIME: 0.0, **{item.name: item.value for item in model.initial}, **rest, **{port.name: 0.0 for port in equations.ports}}
-    asked = parameters_asked(equations, Starts(signals, {item.name: item.value for item in model.parameters}))
+    asked = parameters_read(equations, Starts(signals, {item.name: item.value for item in model.parameters}))
     nodes = [*ast.walk(ast.parse(source.content))]
     spelt = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
     for name in model.parameters.free_names:

@@ -17,10 +17,10 @@ from scenarios.files.user_models import (
     OwnModel,
     is_model_file,
     own_numbers,
-    read_own_model,
+    read_user_model,
     refuse_nothing_left,
-    said_where_it_stands,
     take_constraints,
+    with_place,
 )
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
@@ -78,17 +78,17 @@ class VehicleFile:
     text: str = field(default="", compare=False)
 
 
-def vehicle_beside(record: Path | RecordFile) -> Path | None:
+def vehicle_next_to(record: Path | RecordFile) -> Path | None:
     """``vehicle.toml`` in a record's folder, None where there is none."""
     path = path_of(record)
     beside = path.parent / BESIDE if path is not None else None
     return beside if beside is not None and beside.is_file() else None
 
 
-def read_beside(records: Sequence[RecordFile], vehicle: Path | None) -> tuple[str, ...]:
+def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> tuple[str, ...]:
     """A sentence that names the files that were read without being named: a vehicle file and the JSON files of records; empty without one.
 
-    ``vehicle``: the file that ``vehicle_beside`` found, None where the vehicle file was named.
+    ``vehicle``: the file that ``vehicle_next_to`` found, None where the vehicle file was named.
     """
     names = [str(vehicle)] if vehicle is not None else []
     names += [str(record.path.with_name(record.sidecar.file)) for record in records if record.sidecar.file and not record.in_memory]
@@ -108,7 +108,7 @@ def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> Veh
     """
     refuse_unknown_model(model, str(path.path if isinstance(path, Source) else path))
     if isinstance(model, OwnModel) or is_model_file(model):
-        own = model if isinstance(model, OwnModel) else read_own_model(model, MODELS)
+        own = model if isinstance(model, OwnModel) else read_user_model(model, MODELS)
         return own_vehicle(own, None if path is None else read_toml_source(path))
     if path is None:
         what = f"the {model} model needs constants and starting values"
@@ -156,7 +156,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
     try:
         vehicle = checked(SCHEMAS[model], content, path).model_dump(exclude_none=True)
     except DeclarationError as error:
-        raise said_where_it_stands(error, laid_down, path) from None
+        raise with_place(error, laid_down, path) from None
     modes = []
     for number, table in enumerate(tables, start=1):
         values = checked(mode_schema(number, len(tables)), table, path, f"modes[{number}]").model_dump(exclude_none=True)

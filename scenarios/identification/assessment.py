@@ -26,7 +26,7 @@ from scenarios.files.user_models import side_at
 from scenarios.files.vehicles import VehicleFile
 from scenarios.preparation.declared_model import BETTER
 from scenarios.preparation.reading import Parted, parts_of, put_together
-from scenarios.preparation.recording import NOTHING_SEEN, RawLook, Seen
+from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, Seen
 from scenarios.studies.rows import Row
 from scenarios.terminal.quantities import number_text
 from scenarios.terminal.tables import TableColumn, columns_of
@@ -191,7 +191,7 @@ def trained_by(system: System, values: Mapping[str, float], settings: FitSetting
 PLACES = 3  # times that a sentence names
 
 
-def wild_points(outputs: Sequence[str], simulated: Sequence[np.ndarray], records: Sequence[Record]) -> list[dict[str, np.ndarray]]:
+def isolated_outliers(outputs: Sequence[str], simulated: Sequence[np.ndarray], records: Sequence[Record]) -> list[dict[str, np.ndarray]]:
     """Of each record ``(N,)`` by channel: True at its wild points, from what the simulations miss;
     channels without any are left out.
 
@@ -237,7 +237,7 @@ def without(record: Record, masks: dict[str, np.ndarray]) -> Record:
     return replace(record, outputs=tuple(map(of, record.outputs)))
 
 
-def with_wild_points(look: RawLook, records: Sequence[Record], masks: Sequence[dict[str, np.ndarray]]) -> RawLook:
+def with_outliers(look: RecordCheck, records: Sequence[Record], masks: Sequence[dict[str, np.ndarray]]) -> RecordCheck:
     """What was seen in the records, with their wild points."""
     seen = [_seen(record, name, mask) for record, some in zip(records, masks, strict=True) for name, mask in some.items()]
     return replace(look, seen=(*look.seen, *seen))
@@ -299,18 +299,18 @@ def record_fits(
         return [simulated(record, system, values, settings, local) for record in records]
 
     rows = [*known, *run(fitted[len(known) :])]
-    out = [_judged(record, system, one, held_out=False) for record, one in zip(fitted, rows, strict=True)]
+    out = [_assessed(record, system, one, held_out=False) for record, one in zip(fitted, rows, strict=True)]
     masks: list[dict[str, np.ndarray]] = [{} for _ in held_out]
     predicted, kept = run(held_out), list(held_out)
     for _ in range(0 if trusted or not held_out else 2):
         blank = [np.full((len(system.outputs), len(record)), np.nan) for record in held_out]
         finite = [one if one is not None else none for one, none in zip(predicted, blank, strict=True)]
-        again = wild_points(system.output_names, finite, held_out)
+        again = isolated_outliers(system.output_names, finite, held_out)
         if same_points(again, masks):
             break
         masks, kept = again, [without(record, some) for record, some in zip(held_out, again, strict=True)]
         predicted = run(kept)
-    return (*out, *(_judged(record, system, one, held_out=True) for record, one in zip(kept, predicted, strict=True)))
+    return (*out, *(_assessed(record, system, one, held_out=True) for record, one in zip(kept, predicted, strict=True)))
 
 
 def pooled_fits(fits: Sequence[RecordFit], parted: Sequence[Parted]) -> tuple[RecordFit, ...]:
@@ -333,7 +333,7 @@ def _whole(parted: Parted, parts: Sequence[RecordFit]) -> RecordFit:
     return RecordFit(record, outputs, rows, figures, parts[0].held_out)
 
 
-def _judged(record: Record, system: System, rows: np.ndarray | None, *, held_out: bool) -> RecordFit:
+def _assessed(record: Record, system: System, rows: np.ndarray | None, *, held_out: bool) -> RecordFit:
     channels = tuple(name for name in system.output_names if name in record.output_names)
     if rows is None:
         blank = np.full((len(system.outputs), len(record)), np.nan)
@@ -475,7 +475,7 @@ class IdentificationResult:
     cautions: tuple[str, ...] = ()
     reading: OtherReading | None = None
     decided: OtherReading | None = None
-    look: RawLook = NOTHING_SEEN
+    look: RecordCheck = NOTHING_SEEN
     modes: Characteristics | None = None
     system: System | None = None
     tied: tuple[Row, ...] = ()

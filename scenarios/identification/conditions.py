@@ -84,7 +84,7 @@ def with_weight(model: Model) -> Model:
     return wider.with_parameters(wider.parameters.hold(held))
 
 
-def weighed(model: Model, records: Sequence[Record], outputs: Sequence[str]) -> tuple[Model, str]:
+def with_weight_if_needed(model: Model, records: Sequence[Record], outputs: Sequence[str]) -> tuple[Model, str]:
     """The model with or without the weight along the flight path, as the records say, and a sentence; empty where no attitude is recorded."""
     if ATTITUDE not in {signal.name for signal in model.equations.inputs}:
         return model, ""

@@ -19,7 +19,7 @@ from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import RecordFile, path_of, read_with_validation, refuse_twice
 from scenarios.files.records import has_clock
 from scenarios.files.user_models import channel_units, constraint_sentences, moves_about_rest
-from scenarios.files.vehicles import VehicleFile, read_beside, read_vehicle, refuse_unknown_model, vehicle_beside
+from scenarios.files.vehicles import VehicleFile, files_read_unnamed, read_vehicle, refuse_unknown_model, vehicle_next_to
 from scenarios.identification.assessment import (
     PLAIN,
     SETTLED,
@@ -28,6 +28,7 @@ from scenarios.identification.assessment import (
     Options,
     OtherReading,
     RecordFit,
+    isolated_outliers,
     left_out,
     opposite,
     other_reading,
@@ -37,8 +38,7 @@ from scenarios.identification.assessment import (
     same_points,
     tied_rows,
     trained_by,
-    wild_points,
-    with_wild_points,
+    with_outliers,
     within_bounds,
     without,
 )
@@ -51,13 +51,13 @@ from scenarios.identification.conditions import (
     disturbed_outputs,
     failed,
     sigma_cautions,
-    weighed,
+    with_weight_if_needed,
     without_theta,
 )
 from scenarios.identification.methods import FILTERS, METHODS, engine_of, estimated_by, forced, refuse_method, uses_attitude
 from scenarios.preparation.declared_model import BETTER, held_by_computer, likelier_by, model_of_file, outputs_with_bias, step_for
 from scenarios.preparation.plan import BY_HAND, Request, column_choices, flown_of, reading_options
-from scenarios.preparation.plausibility import cruise_caution, refuse_still, refuse_strangers, refuse_unpredictable
+from scenarios.preparation.plausibility import cruise_caution, refuse_still, refuse_unpredictable, refuse_unrelated_records
 from scenarios.preparation.reading import prepare
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
@@ -163,7 +163,7 @@ def _declared(
     if not uses_attitude(vehicle, method):
         model, every = without_theta(model, [*records, *held_out])
         records, held_out = every[: len(records)], every[len(records) :]
-    model, said = weighed(model, records, _measured(model, records))
+    model, said = with_weight_if_needed(model, records, _measured(model, records))
     return model, records, held_out, said
 
 
@@ -260,7 +260,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
     refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
-    beside = vehicle_beside(request.records[0]) if request.vehicle is None else None
+    beside = vehicle_next_to(request.records[0]) if request.vehicle is None else None
     vehicle = read_vehicle(request.vehicle or beside, request.model)
     flown = flown_of(request, vehicle)
     choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
@@ -276,7 +276,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     if method not in FILTERS and found.record.inputs and request.plan.hold is None and not any(file.sidecar.says_hold for file in files):
         ready, found = _read_otherwise(ready, found, lambda hold, asked: identified(replace(request.plan, hold=hold), asked), options)
     proposed = _filter_error_proposed(request, vehicle, found)
-    found = replace(found, notes=(*read_beside([*files, *validation], beside), *found.notes, *proposed))
+    found = replace(found, notes=(*files_read_unnamed([*files, *validation], beside), *found.notes, *proposed))
     return Identified(found, flown, ready.measured, files, validation, request.plan)
 
 
@@ -295,7 +295,7 @@ def _identified(
     own = vehicle.model == "loes" and method == "ekf"
     flow, attitude = not own and method != FREQUENCY, uses_attitude(vehicle, method)
     ready = prepare(files[0], model_of_file(vehicle), plan, choices, files[1], flow=flow, attitude=attitude)
-    refuse_strangers(ready.fitted, ready.validation)
+    refuse_unrelated_records(ready.fitted, ready.validation)
     refuse_still(ready.fitted, ready.model)
     refuse_unpredictable(ready.predicted, ready.model)
     trusted = plan.trusted or method == FREQUENCY
@@ -308,10 +308,10 @@ def _identified(
     def fitted(records: Sequence[Record]) -> IdentificationResult:
         return identify(records[0], vehicle, method, records[1:], ready.model, ready.validation, asked, trusted=trusted)
 
-    found, masks = _without_wild_points(fitted, (first, *others), trusted=trusted)
-    look = with_wild_points(ready.look, (first, *others), masks)
+    found, masks = _without_outliers(fitted, (first, *others), trusted=trusted)
+    look = with_outliers(ready.look, (first, *others), masks)
     held = [fit.record for fit in found.fits if fit.held_out]
-    look = with_wild_points(look, ready.validation, [left_out(*pair) for pair in zip(ready.validation, held, strict=True)])
+    look = with_outliers(look, ready.validation, [left_out(*pair) for pair in zip(ready.validation, held, strict=True)])
     found = replace(found, fits=pooled_fits(found.fits, ready.parted))
     by_name = {record.name: some for record, some in zip((first, *others), masks, strict=True)}
     measured = tuple(without(record, by_name.get(record.name, {})) for record in ready.measured)
@@ -341,7 +341,7 @@ def _filter_error_proposed(request: Request, vehicle: VehicleFile, found: Identi
     return (f"one cause moves the residuals of {listed}, as turbulence does; {command} estimates such noise together with the parameters",)
 
 
-def _without_wild_points(
+def _without_outliers(
     fitted: Callable[[Sequence[Record]], IdentificationResult], records: Sequence[Record], *, trusted: bool
 ) -> tuple[IdentificationResult, list[dict[str, np.ndarray]]]:
     """A fit less isolated wrong samples, and these by record and channel; looked for again among all samples once they no longer bend the fit."""
@@ -349,7 +349,7 @@ def _without_wild_points(
     masks: list[dict[str, np.ndarray]] = [{} for _ in records]
     for _ in range(0 if trusted else 2):
         fits = [fit for fit in found.fits if not fit.held_out]
-        again = wild_points(fits[0].outputs if fits else (), [fit.simulated for fit in fits], records)
+        again = isolated_outliers(fits[0].outputs if fits else (), [fit.simulated for fit in fits], records)
         if same_points(again, masks):
             break
         masks = again

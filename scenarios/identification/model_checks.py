@@ -114,7 +114,7 @@ SHAPE = (3, 5)
 ASIDE = 0.01  # of a value, or of one: how far the points are apart at which functions are compared
 STEP = 1e-6  # of a value, or of ``ASIDE``: step of central differences
 SIZE = 0.01  # of an output's largest value: the noise in which the parameters are sought
-UNTOLD = 1e-10  # of the largest eigenvalue of the scaled information, below which a direction is not in the data
+UNDETERMINED = 1e-10  # of the largest eigenvalue of the scaled information, below which a direction is not in the data
 SHARE = 1e-3  # of such a direction that makes a parameter part of it
 
 
@@ -177,7 +177,7 @@ def excited(model: Model) -> tuple[Motion, list[Excited]]:
     seen = np.flatnonzero(lengths > 0.0)
     scaled = jacobian[:, seen] / lengths[seen]
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    dark = values < UNTOLD * values[-1]
+    dark = values < UNDETERMINED * values[-1]
     variance = np.sum(vectors[:, ~dark] ** 2 / values[~dark], axis=1)
     untold = vectors[:, dark] ** 2 > SHARE
     out = []

@@ -12,7 +12,7 @@ from ident.flying_qualities.modes import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from scenarios.pages.model import BY_ROW, PURE, Block, Cell, Column, Number, Prose, Table, as_sentence, capital, estimate, known, read_cell, signs
 from scenarios.terminal.quantities import shown_in
-from scenarios.terminal.tables import CapturedTable, listened
+from scenarios.terminal.tables import CapturedTable, captured
 from scenarios.terminal.tables import TableColumn as Printed
 
 if TYPE_CHECKING:
@@ -28,11 +28,11 @@ _BEHIND = re.compile(r", (?P<unit>sigmas|s|Hz|deg|rad|%|dB|m|m/s|rad/s)$")  # wh
 
 
 def printed_blocks(show: Callable[[Console], object], units: Mapping[str, str] = MappingProxyType({})) -> list[Block]:
-    """The tables and sentences that ``show`` prints on a console; ``units`` as in ``told_table``."""
-    return [Prose(as_sentence(each)) if isinstance(each, str) else told_table(each, units) for each in listened(show)]
+    """The tables and sentences that ``show`` prints on a console; ``units`` as in ``table_of``."""
+    return [Prose(as_sentence(each)) if isinstance(each, str) else table_of(each, units) for each in captured(show)]
 
 
-def told_table(told: CapturedTable, known: Mapping[str, str] = MappingProxyType({})) -> Table:
+def table_of(told: CapturedTable, known: Mapping[str, str] = MappingProxyType({})) -> Table:
     """A printed table; a column of sigmas joins the numbers before it, a column of units becomes that of the rows.
 
     ``known`` are units by what stands at the head of a column, or at the begin of a row where the table has no units.
@@ -65,10 +65,10 @@ def rows_table(
     printed: int | None = None,
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> Table:
-    """A table of which there are texts by row; ``printed`` as in ``Table``, ``units`` as in ``told_table``."""
+    """A table of which there are texts by row; ``printed`` as in ``Table``, ``units`` as in ``table_of``."""
     cells = tuple(tuple(row[at] for row in rows) for at in range(len(headings)))
     made = (
-        told_table(CapturedTable(caption, tuple(zip(headings, cells, strict=True))), units)
+        table_of(CapturedTable(caption, tuple(zip(headings, cells, strict=True))), units)
         if rows
         else Table(caption, tuple(map(Column, headings)), ())
     )
@@ -77,7 +77,7 @@ def rows_table(
 
 def columns_table(caption: str, columns: Sequence[Printed], units: Mapping[str, str] = MappingProxyType({})) -> Table:
     """A table of which there are the columns that a terminal prints."""
-    return told_table(CapturedTable(caption, tuple((column.heading, tuple(column.cells)) for column in columns)), units)
+    return table_of(CapturedTable(caption, tuple((column.heading, tuple(column.cells)) for column in columns)), units)
 
 
 def _with_sigma(cell: Cell, sigma: Cell) -> Cell:

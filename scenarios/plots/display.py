@@ -162,7 +162,7 @@ def settled_limits(low: np.ndarray, middle: np.ndarray, high: np.ndarray, marks:
 
 
 @dataclass(frozen=True)
-class Standing:
+class NamedEffects:
     """What a verdict names: effects that it claims, by claim what could stand in its place, and hints.
 
     ``noise_left``: with the claims the residual is noise.
@@ -183,12 +183,12 @@ class Standing:
         return self.noise_left and set(self.claimed) <= set(within)
 
 
-def is_alternative(c: Candidate, standing: Standing) -> bool:
+def is_alternative(c: Candidate, standing: NamedEffects) -> bool:
     """Whether a candidate could stand in the place of a claim beside all the others."""
     return any(c.name in names and set(standing.claimed) - {claim} <= set(c.within) for claim, names in standing.alternatives.items())
 
 
-def reason(c: Candidate, standing: Standing, beside: Sequence[Candidate]) -> str:
+def reason(c: Candidate, standing: NamedEffects, beside: Sequence[Candidate]) -> str:
     """What a candidate is to the verdict, or what spoke against it; ``beside`` are the candidates of the same round."""
     if c.name in standing.claimed:
         return "claimed"
@@ -231,7 +231,7 @@ class Pictured:
     before: Mapping[str, Quantity]
     after: Mapping[str, Quantity]
     noise: Mapping[str, float]
-    standing: Standing
+    standing: NamedEffects
     kind: str
     replicated: tuple[Replicated, ...] = ()
     data: str = MEASURED_DATA

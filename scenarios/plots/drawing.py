@@ -18,7 +18,7 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ident.alongside import can_fork, fork
+from ident.background_task import can_fork, fork
 from scenarios.plots.formats import FRAGMENT, PDF, PNG, SVG, USUAL, Drawn, Formats, caption_of, gathered
 from scenarios.plots.svg_renderer import PageRenderer
 

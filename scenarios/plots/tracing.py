@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-from scenarios.plots.display import MEASURED_DATA, Replicated, Standing, axis_label, display_unit, is_alternative, plain, reason, symbol
+from scenarios.plots.display import MEASURED_DATA, NamedEffects, Replicated, axis_label, display_unit, is_alternative, plain, reason, symbol
 from scenarios.plots.signals import Response, figure_fit
 from scenarios.plots.style import (
     BLACK,
@@ -95,7 +95,7 @@ ROWS = {1: 12, 2: 8}  # candidates of a round, by the number of rounds; 6 of mor
 SPARE, PANELS = 4, 3  # candidates of a round after which nothing was needed; rounds
 _ROW, _NUMBER, _SMALL = 0.2, 0.56, TICK_SIZE - 0.5  # inches a candidate, inches for a number, size of text
 _TITLE_LEFT = 0.15  # inches
-NOTHING = Standing()
+NOTHING = NamedEffects()
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class _Round:
     others: int
 
 
-def figure_evidence(candidates: Sequence[Candidate], standing: Standing = NOTHING, title: str = "") -> Figure:
+def figure_evidence(candidates: Sequence[Candidate], standing: NamedEffects = NOTHING, title: str = "") -> Figure:
     """A panel a round: how far each candidate's log posterior odds lie below the best one's, as numbers, and why it was not chosen.
 
     Filled bars were fitted, open ones are linearised. The rounds are those that led to what stands, ``PANELS`` at most.
@@ -134,7 +134,7 @@ def figure_evidence(candidates: Sequence[Candidate], standing: Standing = NOTHIN
     return finish(sheet, title, head=0.3)
 
 
-def _rounds(candidates: Sequence[Candidate], standing: Standing) -> list[_Round]:
+def _rounds(candidates: Sequence[Candidate], standing: NamedEffects) -> list[_Round]:
     """The rounds on the way to what stands; without any the first ones."""
     nodes = list(dict.fromkeys((len(c.within), c.within) for c in candidates))
     path = [node for node in nodes if set(node[1]) <= set(standing.named)] or nodes
@@ -147,7 +147,7 @@ def _rounds(candidates: Sequence[Candidate], standing: Standing) -> list[_Round]
     return [_round([c for c in candidates if c.within == within], standing, rows(within)) for _, within in kept]
 
 
-def _round(group: Sequence[Candidate], standing: Standing, most: int) -> _Round:
+def _round(group: Sequence[Candidate], standing: NamedEffects, most: int) -> _Round:
     ranked = sorted(group, key=lambda c: (not c.fitted, -c.weight, c.name))
     best = {c.name: c for c in reversed(ranked)}  # as fitted, where it was
     order = sorted(best.values(), key=lambda c: (-c.weight, c.name))
@@ -160,11 +160,11 @@ def _places(each: _Round) -> list[float]:
     return [float(len(each.shown) - 1 - place) for place in range(len(each.shown))]
 
 
-def _colour(c: Candidate, standing: Standing) -> str:
+def _colour(c: Candidate, standing: NamedEffects) -> str:
     return BLUE if c.name in standing.claimed else SKY if is_alternative(c, standing) or c.name in standing.hints else GREY
 
 
-def _draw_odds(panel: Axes, each: _Round, standing: Standing) -> None:
+def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
     """Bars from the left edge to how far the odds lie below the best, on a scale that is linear up to one and logarithmic from there."""
     best = max(c.weight for c in each.shown)
     behind = [best - c.weight for c in each.shown]
@@ -183,7 +183,7 @@ def _draw_odds(panel: Axes, each: _Round, standing: Standing) -> None:
     panel.set_yticks(_places(each), [plain(c.name) for c in each.shown], fontsize=_SMALL)
 
 
-def _head(panel: Axes, each: _Round, standing: Standing, x: float) -> None:
+def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
     """What the round began from, above the names, and below them how many others there are."""
     beside = f"beside {' + '.join(each.within)}" if each.within else "beside the declared model"
     done = "; nothing more was needed" if standing.complete(each.within) and each.within else "; nothing was needed" if standing.complete(()) else ""

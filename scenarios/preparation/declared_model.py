@@ -137,7 +137,7 @@ def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: fl
         return Compared(0.0, "a number is beyond all measure")  # whoever fits it says so
     first, second = ((model, [from_trim(record, model) for record in some]) for model, some in (first, second))
     old, new = fits_at_their_least(_layout(first, outputs, local), _layout(second, outputs, local))
-    wild = _wild(old, new)
+    wild = _implausible(old, new)
     if any(np.any(mask) for mask in wild):
         first, second = (
             (model, [_without(record, outputs, mask) for record, mask in zip(some, wild, strict=True)]) for model, some in (first, second)
@@ -199,7 +199,7 @@ def _undecided(fit: Fit, reading: Reading) -> str:
     return ""
 
 
-def _wild(*fits: Fit | None) -> list[np.ndarray]:
+def _implausible(*fits: Fit | None) -> list[np.ndarray]:
     """Isolated wrong samples of each record by either fit, ``(m, N)``; none where a fit is missing."""
     known = [fit for fit in fits if fit is not None and all(np.all(np.isfinite(each)) for each in fit.residuals)]
     if len(known) < len(fits):

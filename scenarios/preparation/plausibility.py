@@ -71,7 +71,7 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
         raise RecordError(what, where=_names(records), remedy=MANEUVER)
 
 
-def refuse_strangers(fitted: Sequence[Record], validation: Sequence[Record]) -> None:
+def refuse_unrelated_records(fitted: Sequence[Record], validation: Sequence[Record]) -> None:
     """Nothing where records of one call belong together.
 
     Raises

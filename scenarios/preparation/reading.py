@@ -38,7 +38,7 @@ from scenarios.preparation.measured_inputs import (
     with_load_factors,
 )
 from scenarios.preparation.plan import ATTITUDE, BY_HAND, WHOLE, Plan, Segment
-from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_of, looked_at
+from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, checked_records, expectations_of
 from sim.declaration.model import Model
 from sim.errors import RecordError
 from sim.propagation import MOST_STEPS
@@ -309,7 +309,7 @@ class Prepared:
     measured: tuple[Record, ...]
     notes: tuple[str, ...]
     doubts: tuple[str, ...] = ()
-    look: RawLook = NOTHING_SEEN
+    look: RecordCheck = NOTHING_SEEN
     parted: tuple[Parted, ...] = ()
 
     @property
@@ -364,7 +364,7 @@ def prepare(
         read += [(piece, stated) for piece in pieces]
         whole.append(Parted(record.name, record.time if plan.rate is None else None, len(pieces)))
         told += [f"{record.name}: {of_gaps}"] if of_gaps else []
-    records, look = looked_at([record for record, _ in read], expectations_of(model), plan)
+    records, look = checked_records([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
     ready = for_model(read[:split], model, plan, read[split:], decided)
     notes = (*plan.chosen, *grouped(told, names), *ready.notes)

@@ -44,7 +44,7 @@ class Seen:
 
 
 @dataclass(frozen=True, eq=False)
-class RawLook:
+class RecordCheck:
     """What was seen in the raw columns of all records of a call. ``trusted``: only warned of, nothing set aside or refused."""
 
     records: tuple[str, ...] = ()
@@ -67,7 +67,7 @@ class RawLook:
         return [f"{one.sentence}; {one.done}" if one.masked else one.sentence for one in self.seen if one.done != WARNED]
 
 
-NOTHING_SEEN = RawLook()
+NOTHING_SEEN = RecordCheck()
 
 
 def expectations_of(model: Model) -> Expectations:
@@ -87,12 +87,14 @@ def expectations_of(model: Model) -> Expectations:
     return Expectations(speed, gravity)
 
 
-def joined(looks: Sequence[RawLook], *, trusted: bool) -> RawLook:
+def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
     """What was seen in records that were looked at one by one."""
-    return RawLook(tuple(dict.fromkeys(name for look in looks for name in look.records)), tuple(one for look in looks for one in look.seen), trusted)
+    return RecordCheck(
+        tuple(dict.fromkeys(name for look in looks for name in look.records)), tuple(one for look in looks for one in look.seen), trusted
+    )
 
 
-def looked_at(records: Sequence[Record], expected: Expectations, plan: Plan) -> tuple[list[Record], RawLook]:
+def checked_records(records: Sequence[Record], expected: Expectations, plan: Plan) -> tuple[list[Record], RecordCheck]:
     """Records less their samples that carry no information, and what was seen; a record with nothing to mask comes back itself.
 
     Raises
@@ -109,7 +111,7 @@ def looked_at(records: Sequence[Record], expected: Expectations, plan: Plan) -> 
             record, one = _acted_on(record, finding, plan)
             seen.append(one)
         out.append(record)
-    return out, RawLook(tuple(dict.fromkeys(record.name for record in records)), tuple(seen), plan.trusted)
+    return out, RecordCheck(tuple(dict.fromkeys(record.name for record in records)), tuple(seen), plan.trusted)
 
 
 def _refuse_endless(record: Record) -> None:
@@ -164,7 +166,7 @@ def _with_remedy(one: Seen) -> str:
 SHOWN = 3  # places of one finding that a table has room for
 
 
-def record_content(look: RawLook) -> dict[str, Any]:
+def record_content(look: RecordCheck) -> dict[str, Any]:
     """The entry ``record`` of a study: which records were looked at, what was seen, how many samples of which channel were set aside."""
     masked: dict[str, dict[str, int]] = {}
     for one in look.seen:
@@ -179,12 +181,12 @@ def record_content(look: RawLook) -> dict[str, Any]:
     }
 
 
-def record_lines(look: RawLook) -> list[str]:
+def record_lines(look: RecordCheck) -> list[str]:
     """What a terminal shows beside the warnings: what was set aside and what is worth knowing."""
     return [f"record: {line}" for line in look.lines]
 
 
-def record_rows(look: RawLook) -> list[tuple[str, str, str, str, str]]:
+def record_rows(look: RecordCheck) -> list[tuple[str, str, str, str, str]]:
     """Record, channel, what is seen, when, what was done: the rows of a page's table."""
     return [
         (one.record, one.finding.channel, one.finding.sentence, _when(one.finding), f"{one.masked} samples {one.done}" if one.masked else one.done)
@@ -192,7 +194,7 @@ def record_rows(look: RawLook) -> list[tuple[str, str, str, str, str]]:
     ]
 
 
-def record_table(look: RawLook) -> Table:
+def record_table(look: RecordCheck) -> Table:
     """The same as a page's table; without rows where nothing is seen."""
     columns = tuple(map(Column, ("record", "channel", "seen", "when", "done")))
     caption = "What the raw columns show, before any fit; samples that were set aside count in no fit and no error"

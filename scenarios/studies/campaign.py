@@ -28,7 +28,7 @@ from scenarios.studies.estimating import (
     one_by_one,
 )
 from scenarios.studies.study import references
-from scenarios.tasks.study import Manner, run_study
+from scenarios.tasks.study import Execution, run_study
 from scenarios.tasks.work import Row, RowTable, Task
 from sim.declaration.model import Model
 from sim.errors import DeclarationError, ModelError
@@ -217,7 +217,7 @@ def _nees(error: np.ndarray, covariance: np.ndarray) -> float | None:
 # ---- Monte-Carlo campaigns: the same flight measured many times, one seed a run
 
 RESAMPLING_SEED = 1  # of the interval over all parameters: the same runs give the same interval
-ALONE = Manner()
+ALONE = Execution()
 FEWEST = 2  # runs, of which alone a scatter can be told
 
 
@@ -288,7 +288,7 @@ def fly_campaign(
     seed: int | None = None,
     method: str = "main",
     progress: Progress = lambda stage, share: None,
-    manner: Manner = ALONE,
+    manner: Execution = ALONE,
     again: Rebuilt | None = None,
 ) -> CampaignRuns:
     """Run one of a scenario's estimations ``runs`` times; run k has the seed of task k of ``seed`` and equals ``flightid run --seed`` with that.

@@ -31,9 +31,9 @@ from scenarios.studies.campaign_trials import (
     Trial,
     Trials,
     closest,
-    foretold_by_colour,
-    foretold_by_prior,
     likely_levels,
+    predicted_by_colour,
+    predicted_by_prior,
     quiet_trial,
     residuals_of,
 )
@@ -61,7 +61,7 @@ class Wrong:
         return self.factor > 1.0
 
 
-def judged_wrong(found: CampaignStatistics) -> tuple[Wrong, ...]:
+def wrong_sigmas(found: CampaignStatistics) -> tuple[Wrong, ...]:
     """Parameters whose two-sigma coverage excludes that of a normal distribution; of all together one in twenty right campaigns has some.
 
     The interval of each is that of Clopper and Pearson at a level of one minus 0.05 over the number of parameters (Bonferroni).
@@ -140,7 +140,7 @@ def judge(campaign: CampaignRuns, *, causes: bool = True, levels: bool = False) 
 
 def findings_of(campaign: CampaignRuns, statistics: CampaignStatistics, *, levels: bool = False) -> Findings:
     """Why sigmas are wrong; ``levels``: noise levels by likelihood also where none is."""
-    wrong = judged_wrong(statistics)
+    wrong = wrong_sigmas(statistics)
     seeds = tuple(int(seed) for seed in campaign.seeds[campaign.kept])
     if not wrong:
         return Findings((), likely_levels(campaign.work, seeds) if levels else None)
@@ -173,7 +173,7 @@ def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics)
     # Where other things are stated, as with process noise, what is right of the bound is not right of the method.
     if bound is None or abs(math.log(wrong.statistics.reported / float(bound.stated[wrong.at]))) > 2.0 * NEAR:
         return None
-    foretold, share = foretold_by_prior(bound, wrong.at)
+    foretold, share = predicted_by_prior(bound, wrong.at)
     errors = statistics.sigmas[wrong.at]
     if (share < 0.2 and foretold < 1.0 + NEAR) or not _near(foretold, wrong.rms, len(errors)):
         return None
@@ -185,7 +185,7 @@ def _scale(bound: Bound | None, residuals: Residuals | None, campaign: CampaignR
     estimation = campaign.estimation
     if bound is None or residuals is None or not residuals.coloured or estimation.method not in FILTERS or estimation.process_noise:
         return None
-    return foretold_by_colour(bound, residuals)
+    return predicted_by_colour(bound, residuals)
 
 
 def _by_colour(wrong: Wrong, scale: np.ndarray, residuals: Residuals, statistics: CampaignStatistics) -> Finding | None:

@@ -311,13 +311,13 @@ def split(normal: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Resi
 # ---- Errors that are foretold without computing a run again
 
 
-def foretold_by_prior(bound: Bound, at: int) -> tuple[float, float]:
+def predicted_by_prior(bound: Bound, at: int) -> tuple[float, float]:
     """Root mean square error in stated sigmas that the priors alone give a linear estimator, and the prior's share of the stated variance."""
     stated = float(bound.stated[at])
     return float(np.hypot(bound.scatter[at], bound.pull[at])) / stated, float(bound.prior_share[at])
 
 
-def foretold_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None:
+def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None:
     """By what each stated sigma ``(n,)`` is to be multiplied where noise has the runs' autocorrelation; None without sensitivities.
 
     The sandwich of Morelli and Klein (J. Guidance 20(1), 1997) with slopes at the reference and the mean correlation of the runs.

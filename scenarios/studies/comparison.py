@@ -31,7 +31,7 @@ from sim.vehicles.library import Origin, VehicleData, read_parameter_set
 # ---- What a study must tell beside its numbers
 
 HEADING = "chosen by this project [own]; no source prints it, or it prints another:"
-TOLD = (Origin.OWN, Origin.REMEMBERED, Origin.CONVERTED)  # origins that a reader would not expect of a published aircraft
+STATED_ORIGINS = (Origin.OWN, Origin.REMEMBERED, Origin.CONVERTED)  # origins that a reader would not expect of a published aircraft
 _MODAL = re.compile(r"(?:omega|zeta|generalized_mass|CL_eta|CL_etadot|Cm_eta|Cm_etadot|Ceta)(\d+)(?:_|$)")
 
 
@@ -50,7 +50,7 @@ def vehicle_origins(flight: FlightPlan) -> dict[str, list[str]]:
     if flight.own is not None:
         return {}
     data = read_parameter_set(flight.vehicle)
-    return {origin.words: names for origin in TOLD if (names := _names(data, origin, flight))}
+    return {origin.words: names for origin in STATED_ORIGINS if (names := _names(data, origin, flight))}
 
 
 def _names(data: VehicleData, origin: Origin, flight: FlightPlan) -> list[str]:

@@ -31,7 +31,7 @@ from scenarios.survey.report import (
     hints,
     listed,
     news,
-    outstanding,
+    outlying,
     rivals_phrase,
     single_phrases,
     survey_content,
@@ -112,7 +112,7 @@ HOW = (
 def survey_page(survey: SurveyResult, drawn: Sequence[Drawn] = (), linked: Collection[str] = ()) -> Page:
     """The page of a survey with the figures ``drawn``; flights in ``linked`` have a page of their own beside it."""
     word, rest = verdict_of(survey)
-    far = [[flight, name, f"{off:+.1f}"] for flight, name, off in outstanding(survey)]
+    far = [[flight, name, f"{off:+.1f}"] for flight, name, off in outlying(survey)]
     told = [f"{each.name}: {part}" for each in survey.recurs for part in (belongs_phrase(each, survey), rivals_phrase(each)) if part]
     alone = single_phrases(survey)
     return Page(

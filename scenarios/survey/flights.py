@@ -14,7 +14,7 @@ from scenarios.files.declarations import checked, read_toml_source, toml_of
 from scenarios.files.sources import InputFile, Source, found_json, own_version
 from scenarios.files.units import to_si
 from scenarios.files.user_models import is_model_file
-from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_beside
+from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_next_to
 from scenarios.files.writing import unportable, write_json
 from scenarios.plots.formats import Formats
 from scenarios.preparation.plan import Plan, Request, plan_of, refuse_turned
@@ -90,7 +90,7 @@ class SurveyFlight:
     @property
     def vehicle_beside(self) -> Path | None:
         """The vehicle file that is read because it is in the folder of the record, where the survey names none."""
-        return None if self.vehicle else vehicle_beside(self.records[0])
+        return None if self.vehicle else vehicle_next_to(self.records[0])
 
     def request(self) -> Request:
         """What a diagnosis of this flight is asked."""

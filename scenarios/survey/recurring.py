@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.pooling import Evidence, Pooled, Recurrence, Trend, adjusted, conditioned, pooled, recurrence, standing_out, trend, without_one
+from ident.pooling import Evidence, Pooled, Recurrence, Trend, adjusted, conditioned, outlying_flights, pooled, recurrence, trend, without_one
 
 # ---- Which effects may recur
 
@@ -41,7 +41,7 @@ def is_of_flight(name: str) -> bool:
     return mine is not None and (mine.per_record or bool(mine.onset) or mine.background or bool(mine.wrong_samples_of))
 
 
-def own_effects(flight: Mapping[str, Any], shared: Sequence[str]) -> dict[str, dict[str, float]]:
+def effects_of_one_flight(flight: Mapping[str, Any], shared: Sequence[str]) -> dict[str, dict[str, float]]:
     """Effects that a flight claims and that are its own, with their values by full name."""
     rivals = {name for each in flight["effects"] if each["name"] in shared for name in each["alternatives"]}
     mine = [e for e in flight["effects"] if e["claimed"] and e["name"] not in shared and e["name"] not in rivals]
@@ -133,7 +133,7 @@ def recurring(
     taken: list[str] = []
     sets = [frozenset[str]() for _ in fits]
     while len(taken) < len(names):
-        asked = {name: judged(fits, name, sets) for name in names if name not in taken}
+        asked = {name: recurrence_of_effect(fits, name, sets) for name in names if name not in taken}
         tried = {name: each for name, each in asked.items() if each is not None and each.recurs}
         if not tried:
             break
@@ -141,7 +141,7 @@ def recurring(
         taken.append(best)
         sets = assigned(fits, taken, sets)
         for name in list(taken):
-            again = judged(fits, name, sets)
+            again = recurrence_of_effect(fits, name, sets)
             if again is None or not again.recurs:
                 taken.remove(name)
                 sets = [each - {name} for each in sets]
@@ -162,7 +162,7 @@ def _preferred(name: str, rivals: Sequence[str], fits: Sequence[Mapping[str, Any
     it over the conditions; where that says nothing either, by the flights' own diagnoses, which know the declared derivatives.
     """
     bare = [each - {name} for each in sets]
-    found = {one: judged(fits, one, bare) for one in (name, *rivals)}
+    found = {one: recurrence_of_effect(fits, one, bare) for one in (name, *rivals)}
     likely = {one: 2.0 * each.log_likelihood for one, each in found.items() if each is not None and each.recurs}
     if not likely:
         return name
@@ -187,7 +187,7 @@ def _differences(fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str
     return sum(pooled(*np.array(values).T).q for values in seen.values() if len(values) > 1)
 
 
-def judged(fits: Sequence[Mapping[str, Any]], name: str, sets: Sequence[frozenset[str]]) -> Recurrence | None:
+def recurrence_of_effect(fits: Sequence[Mapping[str, Any]], name: str, sets: Sequence[frozenset[str]]) -> Recurrence | None:
     """An effect over the flights that can tell it; None with fewer than two."""
     evidence, able = evidence_of(fits, name, sets)
     if able.sum() < 2:
@@ -208,7 +208,7 @@ def assigned(fits: Sequence[Mapping[str, Any]], taken: Sequence[str], sets: Sequ
     for _ in range(4):
         before = list(now)
         for name in taken:
-            found = judged(fits, name, now)
+            found = recurrence_of_effect(fits, name, now)
             if found is not None:
                 now = [each | {name} if p > PRESENT else each - {name} for each, p in zip(now, found.probability, strict=True)]
         if now == before:
@@ -225,14 +225,14 @@ def _told(
     sets: Sequence[frozenset[str]],
     kept: Kept,
 ) -> Recurring:
-    found = judged(fits, name, sets)
+    found = recurrence_of_effect(fits, name, sets)
     assert found is not None
     evidence, _ = evidence_of(fits, name, sets)
     told = next(each["effects"][name] for each in fits if name in each["effects"])
     margins = {}
     for rival in names:
         if rival not in taken:
-            other = judged(fits, rival, [each - {name} for each in sets])
+            other = recurrence_of_effect(fits, rival, [each - {name} for each in sets])
             margins[rival] = 2.0 * (found.log_likelihood - (other.log_likelihood if other is not None else 0.0))
     by_itself = tuple(one for one in flights if any(e["claimed"] and e["name"] == name for e in kept[one]["effects"]))
     sigmas = np.sqrt(np.einsum("nii->ni", evidence.covariance))
@@ -247,7 +247,7 @@ NEEDED = 10.0  # twice the log likelihood, of a flight's own effect beside those
 ROUNDS = 4  # of asking flights for their own effects again; far more than it takes
 
 
-def recurring_beside_own(
+def recurring_with_other_effects(
     names: Sequence[str], flights: Sequence[str], fits: Sequence[Mapping[str, Any]], kept: Kept
 ) -> tuple[list[Recurring], list[frozenset[str]], list[Mapping[str, Any]]]:
     """As ``recurring``, where a flight's own effects have to be needed beside what recurs; with the fits that were taken of each flight.
@@ -277,7 +277,7 @@ def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
 
 # ---- Derivatives of all flights
 
-TOLD = 0.05  # rate of false discoveries among the trends, and among the derivatives said to differ
+FALSE_DISCOVERY_RATE = 0.05  # rate of false discoveries among the trends, and among the derivatives said to differ
 UNDETERMINED = 1e6  # sigma over the value, from which a flight says nothing of it
 
 
@@ -303,7 +303,7 @@ class Derivative:
     @property
     def drifts(self) -> tuple[str, Trend] | None:
         """The condition with which it changes most surely, where one does."""
-        told = {name: (line, q) for name, (line, q) in self.trends.items() if q < TOLD}
+        told = {name: (line, q) for name, (line, q) in self.trends.items() if q < FALSE_DISCOVERY_RATE}
         if not told:
             return None
         best = min(told, key=lambda name: (told[name][0].p_value, name))
@@ -353,7 +353,7 @@ def effects_over(found: Sequence[Recurring], conditions: Mapping[str, Mapping[st
     rates = adjusted(np.array([line.p_value for *_, line in asked]))
     out: dict[tuple[str, str], tuple[str, Trend]] = {}
     for (key, condition, line), rate in zip(asked, rates, strict=True):
-        if rate < TOLD and (key not in out or line.p_value < out[key][1].p_value):
+        if rate < FALSE_DISCOVERY_RATE and (key not in out or line.p_value < out[key][1].p_value):
             out[key] = condition, line
     return out
 
@@ -386,6 +386,6 @@ def over_flights(
         left = values - common.value
         if drift is not None:
             left = values - drift[1].band(np.array([conditions[drift[0]].get(one, drift[1].middle) for one in here]))[0]
-        off, stands = standing_out(left, sigmas)
+        off, stands = outlying_flights(left, sigmas)
         out.append(Derivative(**{**vars(plain), "off": off, "out": stands}))
     return out

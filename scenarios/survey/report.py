@@ -13,7 +13,7 @@ from ident.pooling import Trend
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.sources import versions
 from scenarios.survey.growing import GROWING_SCHEMA
-from scenarios.survey.recurring import EQUAL, LIBRARY, TOLD, Derivative, Recurring
+from scenarios.survey.recurring import EQUAL, FALSE_DISCOVERY_RATE, LIBRARY, Derivative, Recurring
 from scenarios.survey.survey import SurveyResult
 from scenarios.terminal.quantities import number_text, shown_in, spaced
 from scenarios.terminal.summary import BELOW, Summary, summary_lines
@@ -132,7 +132,7 @@ def hints(survey: SurveyResult) -> list[str]:
     return [f"{' and '.join(forces)} {change} with mass, which no force coefficient does by itself: check the masses that the flights were given"]
 
 
-def outstanding(survey: SurveyResult) -> list[tuple[str, str, float]]:
+def outlying(survey: SurveyResult) -> list[tuple[str, str, float]]:
     """Flights that stand out: flight, derivative, standard deviations."""
     return [
         (flight, each.name, float(far))
@@ -205,7 +205,7 @@ def derivative_rows(survey: SurveyResult) -> tuple[list[str], list[list[str]]]:
     for each in survey.derivatives:
         common = each.common
         drift = drift_phrase(survey, each).partition(" changes ")[2] or "–"
-        differs = "yes" if each.differs < TOLD else "no"
+        differs = "yes" if each.differs < FALSE_DISCOVERY_RATE else "no"
         sigma = number_text(common.sigma, common.sigma)
         rows.append([each.name, each.unit or "1", number_text(common.value, common.sigma), sigma, f"{common.scatter:.2g}", differs, drift])
     return ["derivative", "unit", "common value", "+- sigma", "scatter between flights", "differs", "changes"], rows
@@ -253,7 +253,7 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
         "needless": {name: list(flights) for name, flights in survey.needless.items()},
         "unfitted": dict(survey.unfitted),
         "derivatives": {each.name: derivative_content(each, survey) for each in survey.derivatives},
-        "stand_out": [{"flight": flight, "derivative": name, "sigmas": off} for flight, name, off in outstanding(survey)],
+        "stand_out": [{"flight": flight, "derivative": name, "sigmas": off} for flight, name, off in outlying(survey)],
         "flights": {name: _flight(survey, name) for name in grown.kept},
         "failed": dict(grown.failed),
         "removed": list(grown.removed),
@@ -369,7 +369,7 @@ def survey_text(survey: SurveyResult, width: int = WIDTH, details: str = BELOW) 
         told = "; ".join(part for part in (belongs_phrase(each, survey), rivals_phrase(each)) if part)
         lines += wrapped(f"{each.name}: {told}", width)
     lines += ["", *table_lines(columns_of(*derivative_rows(survey), left=2, words=("changes",)), title="derivatives over the flights", width=width)]
-    far = [[flight, name, f"{off:+.1f}"] for flight, name, off in outstanding(survey)]
+    far = [[flight, name, f"{off:+.1f}"] for flight, name, off in outlying(survey)]
     lines += (
         ["", *table_lines(columns_of(["flight", "derivative", "off, sigmas"], far, left=2), title="flights that stand out", width=width)]
         if far
@@ -386,7 +386,7 @@ def summary_of(survey: SurveyResult, details: str = BELOW) -> Summary:
     """The survey; what recurs; what changes; flights that stand out."""
     word, rest = verdict_of(survey)
     changes = "; ".join(drifts(survey)) or "no derivative changes with a condition beyond chance"
-    far = outstanding(survey)
+    far = outlying(survey)
     stands = f"stand out: {listed(list(dict.fromkeys(flight for flight, _, _ in far)))}" if far else "no flight stands out"
     stands = "; ".join(filter(None, (stands, verdicts_phrase(survey))))
     return Summary(f"{survey.flights.title}: {news(survey)}", f"{word}: {rest}", changes, stands, details)

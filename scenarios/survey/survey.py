@@ -16,11 +16,11 @@ from scenarios.survey.recurring import (
     Derivative,
     Recurring,
     candidates,
+    effects_of_one_flight,
     effects_over,
     estimates,
     over_flights,
-    own_effects,
-    recurring_beside_own,
+    recurring_with_other_effects,
     starts_of,
 )
 
@@ -95,7 +95,7 @@ def survey_flights(
     begun = FITTING if had.computed else 0.0  # so that the time that is left follows from the share
     fits, refitted, unfitted = _fits(had, names, folder, jobs, lambda stage, share: tell(stage, begun + (0.95 - begun) * share), cluster)
     fitted = tuple(fits)
-    found, sets, taken_of = recurring_beside_own(names, fitted, list(fits.values()), had.kept)
+    found, sets, taken_of = recurring_with_other_effects(names, fitted, list(fits.values()), had.kept)
     conditions, condition_units = conditions_of(had)
     told = estimates(fitted, taken_of, found, sets)
     units = {name: unit for each in fits.values() for name, unit in each["units"].items()}
@@ -122,7 +122,9 @@ def _fits(
 ) -> tuple[dict[str, Mapping[str, Any]], int, dict[str, str]]:
     """The fits of each flight with every set of what may recur, how many flights were fitted for that now, and which could not be."""
     flights = [had.flights[name] for name in had.kept]
-    whole = PooledFits(tuple(flights), names, starts_of(had.kept, names), tuple(own_effects(each, names) for each in had.kept.values()), folder)
+    whole = PooledFits(
+        tuple(flights), names, starts_of(had.kept, names), tuple(effects_of_one_flight(each, names) for each in had.kept.values()), folder
+    )
     missing = [number for number in range(len(flights)) if whole.kept(number) is None]
     failed: dict[str, str] = {}
     if missing:

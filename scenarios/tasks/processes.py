@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from pebble import ProcessExpired, ProcessPool
 from threadpoolctl import threadpool_limits
 
-from ident.alongside import can_fork
+from ident.background_task import can_fork
 from scenarios.tasks.work import Ended, Task, Work
 from sim.errors import FlightidError
 

@@ -213,7 +213,7 @@ MOST_TASKS = 10_000_000  # of one study, whose numbers alone then take some 100 
 
 
 @dataclass(frozen=True)
-class Manner:
+class Execution:
     """``jobs`` : processes, None for one a core. ``out`` : the folder of the study, in which rows are kept as they come. ``resume`` : go on with
     them. ``cluster`` : the address of a Dask scheduler. ``limit`` : s that one task may take."""
 

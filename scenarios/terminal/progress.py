@@ -30,7 +30,7 @@ class LastProgress:
         """``"37 of 100 flights, 24 s, about 41 s left"``."""
         passed = now - self.since
         left = passed * (1.0 - self.share) / self.share if EARLY < self.share < 1.0 else 0.0
-        return ", ".join([*([self.stage] if self.stage else []), told_time(passed), *([f"about {told_time(left)} left"] if round(left) else [])])
+        return ", ".join([*([self.stage] if self.stage else []), time_text(passed), *([f"about {time_text(left)} left"] if round(left) else [])])
 
 
 @contextmanager
@@ -62,7 +62,7 @@ def progress_bar(shown: bool = True, *, counted: bool = True, before: tuple[int,
         thread.join()
 
 
-def told_time(seconds: float) -> str:
+def time_text(seconds: float) -> str:
     """``"24 s"``, ``"3 min 20 s"``, ``"2 h 5 min"``."""
     whole = round(seconds)
     if whole < 60:

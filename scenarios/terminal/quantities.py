@@ -45,7 +45,7 @@ def shown_in(unit: str, name: str = "") -> Shown:
     return Shown(1.0, unit)
 
 
-def told(value: float, unit: str, name: str = "") -> str:
+def quantity_text(value: float, unit: str, name: str = "") -> str:
     """A number without a sigma as it is shown: ``"0.5 deg"``, ``"12 rad/s (1.91 Hz)"``."""
     factor, shown = shown_in(unit, name)
     return f"{factor * value:.5g}{spaced(shown)}{in_hertz(value, name, unit)}"

@@ -32,7 +32,7 @@ class CapturedTable:
 
 
 @dataclass
-class Listener:
+class Capture:
     """Stands where a console does; ``heard`` are tables and sentences in their order."""
 
     heard: list[CapturedTable | str] = field(default_factory=list)
@@ -46,14 +46,14 @@ class Listener:
             self.heard.append(text)
 
 
-def heard_of(out: object) -> list[CapturedTable | str] | None:
+def captured_by(out: object) -> list[CapturedTable | str] | None:
     """Where a listener keeps what it hears; None of a console."""
-    return out.heard if isinstance(out, Listener) else None
+    return out.heard if isinstance(out, Capture) else None
 
 
-def listened(show: Callable[[Console], object]) -> Sequence[CapturedTable | str]:
+def captured(show: Callable[[Console], object]) -> Sequence[CapturedTable | str]:
     """The tables and sentences that ``show`` prints."""
-    listener = Listener()
+    listener = Capture()
     show(cast("Console", listener))
     return listener.heard
 
@@ -108,7 +108,7 @@ def print_lines(out: Console, lines: Sequence[str]) -> None:
 
 def print_paragraph(out: Console, text: str, indent: int = 2) -> None:
     """Print a text folded at words, within the console and ``TEXT_WIDTH``, moved in by ``indent`` columns."""
-    if (heard := heard_of(out)) is not None:
+    if (heard := captured_by(out)) is not None:
         heard.append(text)
         return
     margin = " " * indent
@@ -157,7 +157,7 @@ def table_lines(columns: Sequence[TableColumn], *, title: str = "", width: int =
 
 def print_table(out: Console, title: str, columns: Sequence[TableColumn], keys: int = 1) -> None:
     """Print a table on a console, as wide as that is, its title bold."""
-    if (heard := heard_of(out)) is not None:
+    if (heard := captured_by(out)) is not None:
         if columns and columns[0].cells:
             heard.append(CapturedTable(title, tuple((column.heading, tuple(column.cells)) for column in columns)))
         return

@@ -158,7 +158,7 @@ class View:
     refined: bool = False
 
 
-def standings(
+def comparisons(
     estimate: Estimate, derived: Mapping[str, tuple[float, float]], reference: Reference | None, hanging: Collection[str] = ()
 ) -> tuple[CrossValidation, ...]:
     """Derived quantities, then parameters, each against the reference where there is one; ``hanging`` are those that hang on the start."""

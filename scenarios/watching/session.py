@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.banks.online import BankState, Ends, OnlineBank, Rows, advance, bank_of_starts, begin, ends_of, moved_starts, online_bank, spread_of
-from ident.banks.relinearised import Relinearised, along, due, linearise, on_a_grid_that_fits, told_enough, weighed
+from ident.banks.relinearised import Relinearised, along, due, informative_enough, linearise, on_a_grid_that_fits, sharper_of
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import filter_system, less, noise_levels, trim_of
@@ -180,7 +180,7 @@ def _refined(session: Session, states: list[BankState], ends: Ends, given: Rows)
                 session.tried, before = states[row].rows_seen, session.first
                 found = _linearised(session, states[row], ends.mean[row].T)
                 same = session.refined is None or session.first == before
-                session.refined = found if same and found is not None else weighed(session.refined, found, STARTED)
+                session.refined = found if same and found is not None else sharper_of(session.refined, found, STARTED)
         out += [*passed[:-1], session.refined]
     return out
 
@@ -190,7 +190,7 @@ def _wanted(session: Session, state: BankState) -> bool:
     if state.rows_seen - session.first < GROWN * (session.tried - session.first):
         return False
     if session.refined is None:
-        return told_enough(session.bank, state, STARTED)
+        return informative_enough(session.bank, state, STARTED)
     return due(session.refined, STARTED)
 
 

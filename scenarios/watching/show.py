@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from scenarios.watching.reference import WORDS, View, live_table, outside_of, standings
+from scenarios.watching.reference import WORDS, View, comparisons, live_table, outside_of
 from scenarios.watching.reference import line as view_line
 from scenarios.watching.session import Session, Step, Watch
 from scenarios.watching.spectral_study import beside_lines
@@ -25,7 +25,7 @@ def view_of(watch: Watch, session: Session, step: Step | None = None) -> View:
     bank, step = session.bank, session.last if step is None else step
     assert bank is not None and step is not None
     found, state = so_far(session, step), step.state
-    items = standings(found.estimate, found.derived, watch.reference, found.hanging)
+    items = comparisons(found.estimate, found.derived, watch.reference, found.hanging)
     sound = bool(state.sound.any())
     return View(watch.name, state.time, state.rows_seen, watch.left_out, step.spikes, items, bank.delays, found.weights, silent, sound, found.refined)
 

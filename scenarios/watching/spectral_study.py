@@ -17,7 +17,7 @@ from scenarios.studies.comparison import SCHEMA
 from scenarios.studies.rows import Row
 from scenarios.terminal.quantities import console, number_text
 from scenarios.terminal.tables import TableColumn, print_table
-from scenarios.watching.reference import CrossValidation, Reference, outside_of, standings
+from scenarios.watching.reference import CrossValidation, Reference, comparisons, outside_of
 from scenarios.watching.session import Watch
 from scenarios.watching.spectral import (
     UNKNOWN,
@@ -46,7 +46,7 @@ def line(session: SpectralSession, point: Point, left_out: int) -> str:
 
 def items_of(session: SpectralSession, found: Estimate | None, reference: Reference | None) -> tuple[CrossValidation, ...]:
     """The last estimate against the reference where there is one."""
-    return () if found is None else standings(found, derived_quantities(session, found), reference)
+    return () if found is None else comparisons(found, derived_quantities(session, found), reference)
 
 
 def print_spectral_end(watch: Watch, session: SpectralSession) -> None:

@@ -49,7 +49,7 @@ def paper_content(study: LoopStudy) -> dict[str, Any]:
         }
     if study.scenario.methods and has_table(column):
         names, C = printed_correlation(column)
-        out["published"]["states"] = {name: _known(row) for name, row in beside(study, column).items()}
+        out["published"]["states"] = {name: _known(row) for name, row in procedure_and_printed(study, column).items()}
         out["published"]["correlation"] = {"names": list(names), "matrix": C.tolist()}
         out["published"]["correlation_pairs"] = [
             {"pair": [a, b], "published": p, "paper_procedure": q, "refined": r} for a, b, p, q, r in noted_pairs(study, column)
@@ -66,7 +66,7 @@ def paper_content(study: LoopStudy) -> dict[str, Any]:
     return out
 
 
-def beside(study: LoopStudy, column: str) -> dict[str, dict[str, dict[str, float | None]]]:
+def procedure_and_printed(study: LoopStudy, column: str) -> dict[str, dict[str, dict[str, float | None]]]:
     """By state and parameter: initial and final value and variance, R and Q of the paper's procedure here and as printed, SI."""
     system, bank = study.paper.system, study.plain.bank
     best = int(np.argmax(bank.log_likelihood))

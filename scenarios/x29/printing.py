@@ -17,7 +17,7 @@ from scenarios.studies.text import print_choices
 from scenarios.terminal.quantities import console, is_frequency, number_text, test_line, unit_cell
 from scenarios.terminal.summary import BELOW, Summary, print_summary, residual_phrase, value_phrase
 from scenarios.terminal.tables import TableColumn, print_paragraph, print_table
-from scenarios.x29.content import beside, correlation_content, noted_pairs
+from scenarios.x29.content import correlation_content, noted_pairs, procedure_and_printed
 from scenarios.x29.declaration import Printed, has_table, printed_checks, printed_column, printed_correlation
 from scenarios.x29.estimating import LARGE, LoopMethodResult
 from scenarios.x29.findings import COMPARED, off, own_method, sentences
@@ -56,7 +56,7 @@ def print_triangle(out: Console, title: str, names: tuple[str, ...], C: np.ndarr
 
 
 def _states(study: LoopStudy, column: str, out: Console) -> None:
-    rows = beside(study, column)
+    rows = procedure_and_printed(study, column)
 
     def cells(key: str) -> list[list[str]]:
         pairs = [row[key] for row in rows.values()]

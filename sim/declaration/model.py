@@ -127,7 +127,7 @@ class Multiplying(Protocol):
 
 
 @runtime_checkable
-class DrivenBeside(Protocol):
+class DrivenByOthers(Protocol):
     """Equations some of whose inputs are no controls, as an updraft: ``no_controls`` names them, and no effect acts on their path."""
 
     @property

@@ -313,7 +313,7 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
             told = f"{_told(what, name)} is {value:g} at the starts"
             raise ModelError(told, where=where, remedy="give starts and `initial` values at which it is a number")
     for side in (1.0, -1.0):
-        _compare_slopes(equations, beside(starts, side))
+        _compare_slopes(equations, neighbouring_point(starts, side))
     arrays = Starts(*({name: np.array([value, value]) for name, value in some.items()} for some in (starts.signals, starts.parameters)))
     first, again = evaluated(equations, arrays), evaluated(equations, arrays)
     for (what, name), value in first.items():
@@ -353,7 +353,7 @@ class _Noting(SimpleNamespace):
         return object.__getattribute__(self, name)
 
 
-def parameters_asked(equations: OwnEquations, starts: Starts) -> frozenset[str]:
+def parameters_read(equations: OwnEquations, starts: Starts) -> frozenset[str]:
     """Names of the parameters that the functions ask for when they are evaluated at the starts."""
     s, p = signals_from(starts.signals), _Noting(**starts.parameters, _asked=set())
     if equations.formed is not None:
@@ -423,7 +423,7 @@ def _told(what: str, name: str) -> str:
     return f"the {'rate' if what == 'rates' else 'reading' if what == 'readings' else 'signal'} of {name}".replace("signal of", "signal")
 
 
-def beside(starts: Starts, side: float) -> Starts:
+def neighbouring_point(starts: Starts, side: float) -> Starts:
     """A point beside the starts, each value moved by another amount."""
 
     def moved(some: Mapping[str, Any], first: int) -> dict[str, Any]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from sim.declaration.effect import Parameter, ParameterSet, Signal
 from sim.declaration.model import Model
-from sim.declaration.user_equations import ASIDE, Answer, OwnEquations, Signals, Starts, beside, changed, evaluated, try_model, written_in
+from sim.declaration.user_equations import ASIDE, Answer, OwnEquations, Signals, Starts, changed, evaluated, neighbouring_point, try_model, written_in
 from sim.errors import FlightidError, ModelError
 from sim.maths import COMPLEX_STEP, complex_step_jacobian
 
@@ -33,7 +33,7 @@ def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -
 
     A parameter that is only added, as a constant load, does the same wherever the motion is; so does one that is in no equation.
     """
-    places = [Starts(beside(starts, side).signals, starts.parameters) for side in (0.0, 1.0, -0.6)]
+    places = [Starts(neighbouring_point(starts, side).signals, starts.parameters) for side in (0.0, 1.0, -0.6)]
     found = []
     for name in names:
         slopes = [_slopes(equations, at, False, name) for at in places]
@@ -47,7 +47,7 @@ def products(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> t
 
     The second derivative of a rate by parameter and signal tells: a complex step of the parameter, at two values of the signal.
     """
-    here = beside(starts, 1.0)
+    here = neighbouring_point(starts, 1.0)
     fed = _rates_fed(equations, here)
     base = {name: _slopes(equations, here, False, name) for name in names}
     found = []
@@ -89,13 +89,13 @@ ALIKE = 2.0  # times: a sensor that reads a state moves with it, by a scale fact
 RANK = 1e-9  # of the largest singular value, below which a direction is not seen: slopes are exact to rounding
 
 
-def biases_told(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
+def observable_biases(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     """Outputs that can have a free bias beside free initial states, taken in order.
 
     A bias is no unknown of its own where some constant change of the states makes it: with the rates' slopes A and the readings' C a state x0
     for which A x0 = 0 and C x0 is that bias. Slopes are those beside the starts; a bias that is told on one side counts as told.
     """
-    told = [_told(*_own_sensors_slopes(equations, beside(starts, side))) for side in (1.0, -1.0)]
+    told = [_told(*_own_sensors_slopes(equations, neighbouring_point(starts, side))) for side in (1.0, -1.0)]
     return tuple(signal.name for i, signal in enumerate(equations.outputs) if any(i in some for some in told))
 
 
@@ -103,7 +103,7 @@ def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
     """Raise ModelError for an output that has the name of a state, with which a fit begins, and reads something else."""
     states = [signal.name for signal in equations.states]
     both = [(i, states.index(signal.name)) for i, signal in enumerate(equations.outputs) if signal.name in states]
-    slopes = [_own_sensors_slopes(equations, beside(starts, side))[1] for side in (1.0, -1.0)] if both else []
+    slopes = [_own_sensors_slopes(equations, neighbouring_point(starts, side))[1] for side in (1.0, -1.0)] if both else []
     for i, j in both:
         output, state = equations.outputs[i], equations.states[j]
         where = f"model {equations.name}, outputs, {output.name}"
@@ -236,7 +236,7 @@ def _model(equations: OwnEquations, numbers: ParameterSet, start: Mapping[str, f
         known = multiplying(equations, starts, numbers.free_names)
         equations = replace(equations, multiplying=tuple((name, numbers[name].unit) for name in known), products=products(equations, starts, known))
         if all_biases:
-            equations = replace(equations, biased_outputs=biases_told(equations, starts))
+            equations = replace(equations, biased_outputs=observable_biases(equations, starts))
     begun = [Parameter(s.name, start.get(s.name, 0.0), s.unit, source="declared" if s.name in start else "at rest") for s in equations.states]
     return Model(equations, numbers, ParameterSet(tuple(begun)))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from sim.declaration.effect import OnChannel, OnSignal, Signal, constants_needed, ports_needed
-from sim.declaration.model import Containing, DrivenBeside, Equations
+from sim.declaration.model import Containing, DrivenByOthers, Equations
 from sim.declaration.proposal import Traceable
 from sim.declaration.user_equations import OwnEquations
 
@@ -35,7 +35,7 @@ def all_labelled(names: Iterable[str], label: str) -> tuple[str, ...]:
 def controls(equations: Equations) -> tuple[Signal, ...]:
     """Inputs that somebody moves: not those that are measured motion or air, which take the place of a port or of the attitude."""
     attitude = () if isinstance(equations, OwnEquations) else (ATTITUDE,)
-    others = {*attitude, *(port.name for port in equations.ports), *(equations.no_controls if isinstance(equations, DrivenBeside) else ())}
+    others = {*attitude, *(port.name for port in equations.ports), *(equations.no_controls if isinstance(equations, DrivenByOthers) else ())}
     return tuple(signal for signal in equations.inputs if signal.name not in others)
 
 

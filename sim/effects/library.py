@@ -77,7 +77,7 @@ def other_names(equations: Equations) -> dict[str, str]:
     return found
 
 
-def guards_for(equations: Equations) -> tuple[Traceable, ...]:
+def catch_all_terms_for(equations: Equations) -> tuple[Traceable, ...]:
     """Generic terms for a vehicle that compete with its effects and stand for no cause; not in the library, found by file likewise.
 
     A file's ``made_for(equations)``, where it has one, makes those for the signals and ports of a user's own model.

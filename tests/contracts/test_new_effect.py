@@ -18,7 +18,7 @@ from scenarios.diagnosis.report.separating_maneuvers import separating_maneuver
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.writing import write_record
-from scenarios.plots.display import Standing
+from scenarios.plots.display import NamedEffects
 from scenarios.plots.tracing import figure_evidence
 from scenarios.preparation.plan import Request
 from sim.declaration.proposal import Traceable
@@ -85,7 +85,7 @@ def test_it_is_worded_by_its_own_sentence(traced: Tracing) -> None:
 
 def test_it_is_drawn_and_written(traced: Tracing, tmp_path: Path) -> None:
     d = traced.diagnosis
-    figure = figure_evidence(d.candidates, Standing(tuple(claim.name for claim in d.effects)))
+    figure = figure_evidence(d.candidates, NamedEffects(tuple(claim.name for claim in d.effects)))
     labels = {label.get_text() for axis in figure.axes for label in axis.get_yticklabels()}
     assert NAME in labels
     write_diagnosis(traced, tmp_path / "out")

@@ -16,7 +16,7 @@ from sim.declaration.proposal import Fitted, SearchContext, Traceable
 from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.curves.control_unevenness import ControlUnevenness
 from sim.effects.dynamics.curves.control_weakening import ControlWeakening
-from sim.effects.library import effects_for, guards_for
+from sim.effects.library import catch_all_terms_for, effects_for
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.short_period import ShortPeriod
 from tests.offered import ALL_VEHICLES, WHOLE_AXES, stem
@@ -43,7 +43,7 @@ def are_forms_of_one(one: Effect, other: Effect) -> bool:
 @every_vehicle
 def test_a_name_is_one_effect_alone(vehicle: Equations) -> None:
     by_name: dict[str, list[Effect]] = defaultdict(list)
-    for effect in (*effects_for(vehicle), *guards_for(vehicle)):
+    for effect in (*effects_for(vehicle), *catch_all_terms_for(vehicle)):
         by_name[effect.name].append(effect)
     assert [name for name, same in by_name.items() if not all(are_forms_of_one(*pair) for pair in combinations(same, 2))] == []
 
@@ -89,7 +89,7 @@ def test_every_port_has_its_effects(vehicle: Equations) -> None:
 
 @every_vehicle
 def test_effects_speak_of_each_other_by_the_names_that_are_offered(vehicle: Equations) -> None:
-    offered = [effect for effect in (*effects_for(vehicle), *guards_for(vehicle)) if isinstance(effect, Traceable)]
+    offered = [effect for effect in (*effects_for(vehicle), *catch_all_terms_for(vehicle)) if isinstance(effect, Traceable)]
     names, labelled = {effect.name for effect in offered}, {stem(effect) for effect in offered if ":" in effect.name}
     for effect in offered:
         t = effect.traits
@@ -124,7 +124,7 @@ def test_a_vane_is_offered_only_where_there_is_the_rate_that_it_feels() -> None:
             rates=lambda s, p: {name: p.a * getattr(s, name) + p.b * s.d for name in states},
             readings=lambda s, p: {"alpha": s.alpha},
         ).equations
-        return {effect.name for effect in (*effects_for(equations), *guards_for(equations))}
+        return {effect.name for effect in (*effects_for(equations), *catch_all_terms_for(equations))}
 
     both = {"vane-offset", "guard:vane-behind"}
     assert not both & offered({"alpha": "rad"})

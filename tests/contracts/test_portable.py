@@ -19,7 +19,7 @@ ABSENT = {
 }
 ASKING = {
     "exam/independent/command.py",  # hasattr
-    "ident/alongside.py",  # can_fork
+    "ident/background_task.py",  # can_fork
     "scenarios/plots/drawing.py",  # can_fork
     "scenarios/tasks/processes.py",  # sys.platform
     "scenarios/tasks/processes.py",  # hasattr

@@ -10,7 +10,7 @@ import pytest
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import NoiseEffect, Regularity, full_name
 from sim.declaration.proposal import Fitted, Refinable, SearchContext, Traceable, fitted_to
-from sim.effects.library import guards_for, library
+from sim.effects.library import catch_all_terms_for, library
 from tests.bases import base_for, fly
 from tests.offered import VEHICLES, first_of_each_kind, guards_of_whole_axes, held_to_all_laws, representatives
 
@@ -34,7 +34,7 @@ INVISIBLE = {"sensor-delay:altitude", "sensor-lag:altitude"}
 FLOWN = {"loes": {"alpha": (-0.03, 0.03)}, "lateral": {"beta": (-0.12, 0.1)}, "longitudinal": {"alpha": (-0.06, 0.09)}}
 ROUNDING = 1e-12  # of an output's peak: far above what the order of a batch does to it, far below a millionth of an effect
 every_context = pytest.mark.parametrize("context", CONTEXTS.values(), ids=CONTEXTS)
-OFFERED = [(effect, vehicle.name) for vehicle in VEHICLES for effect in (*held_to_all_laws(vehicle), *guards_for(vehicle))]
+OFFERED = [(effect, vehicle.name) for vehicle in VEHICLES for effect in (*held_to_all_laws(vehicle), *catch_all_terms_for(vehicle))]
 OFFERED += representatives() + first_of_each_kind(guards_of_whole_axes())
 CASES = [pytest.param(effect, base, id=f"{effect.name} on {base}") for effect, base in OFFERED if isinstance(effect, Traceable)]
 every_case = pytest.mark.parametrize(("effect", "base"), CASES)

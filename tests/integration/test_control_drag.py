@@ -11,7 +11,7 @@ from sim.declaration.effect import Effect
 from sim.declaration.model import Noise
 from sim.declaration.proposal import Traceable
 from sim.effects.guards.control_drag import ControlDrag
-from sim.effects.library import effects_for, find_effect, guards_for
+from sim.effects.library import catch_all_terms_for, effects_for, find_effect
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import model_from_constants
@@ -33,7 +33,7 @@ def diagnosed(effect: Effect, value: float) -> Diagnosis:
     begun = {item.name: item.value for item in true_model(AXIS).initial}
     model = model_from_constants(AXIS, CONSTANTS[AXIS], start, initial=begun).with_biases(fitted.output_names)
     offered = [each for each in effects_for(model.equations) if isinstance(each, Traceable)]
-    return diagnose([fitted], model, offered, guards_for(model.equations), [held_out])
+    return diagnose([fitted], model, offered, catch_all_terms_for(model.equations), [held_out])
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from scenarios.diagnosis.candidates import can_act, candidates_for
 from sim.declaration import own_model
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
-from sim.effects.library import effects_for, guards_for
+from sim.effects.library import catch_all_terms_for, effects_for
 from sim.effects.model_discrepancy import discrepancy_for
 from sim.record import Record
 from sim.vehicles.factory import model_from_constants
@@ -57,7 +57,7 @@ def lateral_wrong() -> Model:
 
 def diagnosed(model: Model, records: Sequence[Record], named: Sequence[Traceable] | None = None) -> Diagnosis:
     """The last record held out; all candidates, or of the named effects a few and all instances of the general form."""
-    candidates, guards = candidates_for(model), can_act(guards_for(model.equations), model)
+    candidates, guards = candidates_for(model), can_act(catch_all_terms_for(model.equations), model)
     few = candidates if named is None else (*named, *(effect for effect in candidates if effect.traits.general))
     return diagnose(records[:-1], model, few, guards, records[-1:], discrepancy=discrepancy_for(effects_for(model.equations)))
 

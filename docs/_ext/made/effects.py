@@ -82,10 +82,10 @@ def parameters_table(instances: list[Effect]) -> str:
 
 def guards_part() -> list[str]:
     """Generic terms that compete with effects and are never claimed."""
-    from sim.effects.library import guards_for
+    from sim.effects.library import catch_all_terms_for
     from sim.vehicles.factory import FAMILIES
 
-    guards = {guard.name: guard for equations, _, _ in FAMILIES.values() for guard in guards_for(equations)}
+    guards = {guard.name: guard for equations, _, _ in FAMILIES.values() for guard in catch_all_terms_for(equations)}
     families = groupby(sorted(guards.values(), key=lambda guard: guard.name), key=lambda guard: guard.name.split("(")[0])
     rows = [[code(name), cell(first_sentence(next(iter(each)).explanation))] for name, each in families]
     return [

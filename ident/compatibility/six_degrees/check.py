@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.compatibility.fault_sets import chance_of, charge_of, probabilities, same_lateness
-from ident.compatibility.fitting import KinematicFit, difference_in_sigmas, untold
+from ident.compatibility.fitting import KinematicFit, difference_in_sigmas, unobservable_faults
 from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
 from ident.compatibility.signals import KinematicSignals, instruments_of, smoothed_walk, weigher, whitener
 from ident.compatibility.six_degrees.fitting import Linear, NormalEquations, added, by_output_error, coloured, fit, linear, output_error_gram
@@ -281,7 +281,7 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
         joint = CheckResult(names, estimates, biases[0], (*bias_findings(found.lines, 0, biases[0], settings.false_alarm), *findings), levels)
         single = (joint,)
     notes += _notes(found, signals)
-    told = (*_unreached(channels, joined), *_untold(found, signals[0]), STEADY_WIND)
+    told = (*_unreached(channels, joined), *_unobservable(found, signals[0]), STEADY_WIND)
     return Compatibility(channels, joined, joint, single, _reconstructions(base, final), told, tuple(notes))
 
 
@@ -307,12 +307,12 @@ def _notes(found: SixDegreeSearch, signals: Sequence[KinematicSignals]) -> list[
     return out
 
 
-def _untold(found: SixDegreeSearch, s: KinematicSignals) -> tuple[str, ...]:
+def _unobservable(found: SixDegreeSearch, s: KinematicSignals) -> tuple[str, ...]:
     faults = (*found.lines.faults, *found.lines.biases)
     size = np.array([fault.plausible for fault in faults])
     several = [name for name in (PACKAGE, BOOM) if _has_fault(name, faults)]
     channels = (*s.channels, *several, "wind")
-    return untold(found.lines.free * np.outer(size, size), faults, [name for name in channels if _has_fault(name, faults)])
+    return unobservable_faults(found.lines.free * np.outer(size, size), faults, [name for name in channels if _has_fault(name, faults)])
 
 
 def _has_fault(name: str, faults: Sequence[SensorFault]) -> bool:

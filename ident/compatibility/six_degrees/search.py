@@ -93,7 +93,7 @@ def best_set(
         found.append(sets)
         if size < most:
             level = _larger(sets, among, size)
-    return _judged(found, faults, charge)
+    return _assessed(found, faults, charge)
 
 
 def needed(normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], charge: float) -> tuple[int, ...]:
@@ -118,7 +118,7 @@ def _larger(sets: Sets, among: Sequence[int], size: int) -> np.ndarray:
     return np.array(sorted(larger), dtype=int).reshape(-1, size + 1)
 
 
-def _judged(found: Sequence[Sets], faults: Sequence[SensorFault], charge: float) -> tuple[Sets, int]:
+def _assessed(found: Sequence[Sets], faults: Sequence[SensorFault], charge: float) -> tuple[Sets, int]:
     best = max(found, key=lambda sets: float(np.max(np.where(sets.sound, sets.gain, 0.0))))
     widening = float(np.mean(best.widening[int(np.argmax(np.where(best.sound, best.gain, 0.0)))])) if best.members.shape[1] else 1.0
     rare = np.array([fault.rare for fault in faults])

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.alongside import Alongside
+from ident.background_task import BackgroundTask
 from ident.estimate import counted_numerics
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, compiled_with
@@ -74,7 +74,7 @@ def _in_two(found: Callable[[Sequence[int]], dict[int, Finding]], effects: Seque
         # An effect of a user's own file does not go through a pipe; all else of a finding are numbers.
         return {place: (one.gain, one.parameters, one.starts, one.gains, one.contribution) for place, one in findings.items()}, told
 
-    beside = Alongside(others)
+    beside = BackgroundTask(others)
     beside.begin()
     mine = found(range(0, len(effects), 2))
     theirs, told = beside.result()

@@ -37,10 +37,10 @@ def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
         words = group_sentence(Claim(finding.name, {_parameter(finding): quantity}, finding.group), wording)
         return f"{finding.name} {with_sigma(quantity)}, {words}"
     # What is no effect of the library, a bias or the place of all accelerometers together, has the words of a check.
-    from scenarios.compatibility.report import what_it_is
+    from scenarios.compatibility.report import fault_text
 
     group = f" ({' or '.join(finding.group)} would do as well)" if finding.group else ""
-    return f"{finding.name}, {what_it_is(finding)}{group}"
+    return f"{finding.name}, {fault_text(finding)}{group}"
 
 
 def _parameter(finding: SensorFinding) -> str:

@@ -80,7 +80,7 @@ def _headers_of(path: Path, topics: Sequence[Topic]) -> CellTable:
 
 def read_record_files(records: Iterable[Path | RecordFile]) -> tuple[RecordFile, ...]:
     """Several record files, in their order, told apart where their names are the same; one that is open already is itself."""
-    return told_apart([opened(record) for record in records])
+    return with_distinct_names([opened(record) for record in records])
 
 
 def opened(record: Path | RecordFile) -> RecordFile:
@@ -93,11 +93,11 @@ def read_with_validation(
 ) -> tuple[tuple[RecordFile, ...], tuple[RecordFile, ...]]:
     """Record files for a fit and those that are predicted, in their order, all of them told apart."""
     first = [opened(record) for record in records]
-    both = told_apart([*first, *(opened(record) for record in validate)])
+    both = with_distinct_names([*first, *(opened(record) for record in validate)])
     return both[: len(first)], both[len(first) :]
 
 
-def told_apart(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
+def with_distinct_names(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
     """The files, those with equal names named with as many of their folders as it takes: ``flight1/record.csv``, ``flight2/record.csv``."""
     by_name: dict[str, list[Path]] = {}
     on_disk = [file for file in files if not file.in_memory]

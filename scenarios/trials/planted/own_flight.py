@@ -13,7 +13,7 @@ from typing import Any
 
 from scenarios.files.declarations import closest, read_toml_source
 from scenarios.files.sources import DocumentError, toml_value
-from scenarios.files.user_models import inputs_at_rest, own_numbers, read_own_model, unit_in
+from scenarios.files.user_models import inputs_at_rest, own_numbers, read_user_model, unit_in
 from scenarios.files.vehicles import MODELS, refuse_unknown_model, with_priors
 from scenarios.identification.model_checks import BETWEEN, Motion, doublet_motion
 from scenarios.preparation.declared_model import RESOLVED, root_sizes, step_of
@@ -275,7 +275,7 @@ def _planned(asked: OwnFlight) -> _Planned:
     for option, value in (("--duration", asked.duration), ("--rate", asked.rate)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise DeclarationError(f"{value:g} is not above 0", where=option, remedy="give a positive number")
-    own = read_own_model(asked.model, MODELS)
+    own = read_user_model(asked.model, MODELS)
     model = own.model if asked.vehicle is None else own_numbers(own, read_toml_source(asked.vehicle))[1]
     motion = doublet_motion(model)
     rate = asked.rate or _round_up(SAMPLES / motion.pulse)

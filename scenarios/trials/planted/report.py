@@ -20,7 +20,7 @@ from scenarios.files.writing import study_folder, write_json, write_record
 from scenarios.pages.model import Page, Prose, as_sentence, capital, reproduction, section
 from scenarios.pages.tables import columns_table, rows_table
 from scenarios.plots.formats import USUAL, Formats
-from scenarios.terminal.quantities import shown_in, told, unit_cell, value_text
+from scenarios.terminal.quantities import quantity_text, shown_in, unit_cell, value_text
 from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import WIDTH, TableColumn, columns_of, table_lines, wrapped
 from scenarios.trials.planted.declaration import hidden_units
@@ -151,7 +151,7 @@ def _hidden(study: TraceStudy) -> str:
     flight, terms = study.scenario.flight, []
     for name, values in study.flown.hidden.items():
         units = hidden_units(name, flight.own if flight.own is not None else flight.vehicle, name)
-        said = ", ".join(f"{key} {told(value, units.get(key, ''), key)}" for key, value in values.items())
+        said = ", ".join(f"{key} {quantity_text(value, units.get(key, ''), key)}" for key, value in values.items())
         terms.append(f"{name} ({said})")
     if study.scenario.flight.modes and study.scenario.model == "rigid":
         terms.insert(0, f"{study.scenario.flight.modes} elastic mode{'s' if study.scenario.flight.modes > 1 else ''}")

@@ -15,7 +15,7 @@ import numpy as np
 
 from scenarios.terminal.quantities import CHANNELS, DEGREES, number_text
 from scenarios.watching.page.server import Feed, PageServer
-from scenarios.watching.reference import HANGING, WORDS, CrossValidation, standings
+from scenarios.watching.reference import HANGING, WORDS, CrossValidation, comparisons
 from scenarios.watching.rows import OUTPUTS
 from scenarios.watching.session import UNITS, Session, Step, Watch
 from scenarios.watching.study import Outcome, so_far
@@ -135,7 +135,7 @@ class Follow:
             if second > self._second and second != after:
                 self._second = second
                 found = so_far(session, step)
-                items = standings(found.estimate, found.derived, self._watch.reference, found.hanging)
+                items = comparisons(found.estimate, found.derived, self._watch.reference, found.hanging)
                 self._feed.put("estimates", estimates(step.state.time, items, found.weights, KINDS[found.refined]))
 
     def _stand(self, session: Session | None, now: float, ended: str = "") -> None:

@@ -16,7 +16,7 @@ import pytest
 from ident.tracing.loop import diagnose
 from scenarios.cli import app, main
 from scenarios.cli.application import COMMANDS, EXAMPLES
-from scenarios.cli.options import METHOD_NAMES, OutputOptions, telling
+from scenarios.cli.options import METHOD_NAMES, OutputOptions, output_options
 from scenarios.commands.studies import documents_of
 from scenarios.diagnosis import diagnose as on_files
 from scenarios.identification.methods import METHODS
@@ -136,7 +136,7 @@ def test_quiet_prints_warnings_alone_and_json_the_document_alone(folder: Path) -
 
 
 def test_quiet_tells_the_warnings_of_a_study_on_the_other_stream(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with telling(tmp_path, ("png",), quiet=True, as_json=False, documents=["study.json"]) as told:
+    with output_options(tmp_path, ("png",), quiet=True, as_json=False, documents=["study.json"]) as told:
         print("a table")
         (tmp_path / "study.json").write_text('{"warnings": ["the vane sticks"]}')
     assert told == OutputOptions(tmp_path, ("png",), progress=False)
@@ -145,7 +145,7 @@ def test_quiet_tells_the_warnings_of_a_study_on_the_other_stream(tmp_path: Path,
 
 def test_several_studies_are_a_list_of_their_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     documents = documents_of(["rigid", "a/mine.toml"], False)
-    with telling(None, ("png",), quiet=False, as_json=True, documents=documents) as told:
+    with output_options(None, ("png",), quiet=False, as_json=True, documents=documents) as told:
         print("tables")
         assert told.out is not None and not told.figures and told.progress
         for name in documents:

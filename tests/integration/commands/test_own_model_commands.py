@@ -10,12 +10,12 @@ import pytest
 
 from scenarios.commands.libraries import COLUMNS
 from scenarios.diagnosis.candidates import can_act
-from scenarios.files.user_models import read_own_model
+from scenarios.files.user_models import read_user_model
 from scenarios.files.vehicles import MODELS
 from scenarios.files.writing import write_record
 from sim.declaration.effect import Effect
 from sim.declaration.model import Model
-from sim.effects.library import effects_for, guards_for
+from sim.effects.library import catch_all_terms_for, effects_for
 from sim.maneuvers import alternating
 from sim.truth.flight import fly, sample_times
 from sim.truth.measurement import Measurement
@@ -31,7 +31,7 @@ LATE = 0.06  # s
 def declared(folder: Path) -> tuple[Path, Model]:
     """The model file, and its model at values other than those of the file."""
     path = model_file(folder, SPRING, "spring.py")
-    return path, read_own_model(path).model.with_values(TRUE)
+    return path, read_user_model(path).model.with_values(TRUE)
 
 
 def pushed(folder: Path, model: Model, seed: int, stem: str = "record") -> Path:
@@ -67,7 +67,7 @@ MODEL = own_model(
 def test_a_model_of_which_nothing_is_estimated_is_diagnosed(flightid: CommandLine, tmp_path: Path) -> None:
     """Only the bias of its sensor is fitted; whether it stands can be asked all the same."""
     path = model_file(tmp_path, CONSTANTS_ONLY, "tank.py")
-    model = read_own_model(path).model
+    model = read_user_model(path).model
     moved = alternating(0.5, [0.5, 0.7, 0.4, 1.1, 0.3], start=1.0)
     for seed, stem in ((1, "one"), (2, "two")):
         record, _ = fly(model, moved, sample_times(20.0, 10.0), np.random.default_rng(seed), measurement=Measurement({"level": 0.01}), step=0.01)
@@ -113,7 +113,7 @@ def test_a_late_sensor_is_traced(flightid: CommandLine, tmp_path: Path) -> None:
 
 def test_of_two_inputs_the_late_one_is_named(flightid: CommandLine, tmp_path: Path) -> None:
     path = model_file(tmp_path, ROLL_AND_YAW)
-    model = read_own_model(path).model
+    model = read_user_model(path).model
     late = [effect for effect in effects_for(model.equations) if effect.name == "input-delay:rudder"]
     shares = {name: 1.1 if place % 2 else 0.9 for place, name in enumerate(model.parameters.free_names)}
     flown = model.with_values({name: share * model.parameters[name].value for name, share in shares.items()}).with_effects(*late)
@@ -135,8 +135,8 @@ def test_of_two_inputs_the_late_one_is_named(flightid: CommandLine, tmp_path: Pa
 
 
 def test_only_what_finds_its_signals_is_offered(tmp_path: Path) -> None:
-    model = read_own_model(model_file(tmp_path, ROLL_AND_YAW)).model
-    offered = guards_for(model.equations)
+    model = read_user_model(model_file(tmp_path, ROLL_AND_YAW)).model
+    offered = catch_all_terms_for(model.equations)
     able = can_act(offered, model)
     assert {guard.name for guard in able} <= {guard.name for guard in offered}
     # A vane behind the centre of gravity divides by the airspeed, which this model has not.

@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from scenarios.files.records import read_record
-from scenarios.files.user_models import read_own_model
+from scenarios.files.user_models import read_user_model
 from scenarios.files.vehicles import read_vehicle
 from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.catalogue import scenario_text, with_changes
@@ -205,7 +205,7 @@ def test_a_scenario_finds_a_late_sensor(flightid: CommandLine, tmp_path: Path) -
 def test_the_example_is_short_and_a_model(flightid: CommandLine, tmp_path: Path) -> None:
     text = flightid.done("models", "--example")
     assert len(text.splitlines()) <= 25
-    model = read_own_model(model_file(tmp_path, text)).model
+    model = read_user_model(model_file(tmp_path, text)).model
     assert len(model.initial) == 2 and model.parameters.free_names == ("stiffness", "damping")
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from scenarios.files.user_models import is_of_aircraft, read_own_model
+from scenarios.files.user_models import is_of_aircraft, read_user_model
 from tests.integration.command_line import CommandLine
 from tests.own_models import ROLL, SHORT_PERIOD, model_file
 
@@ -55,9 +55,9 @@ def test_numbers_and_reports_are_the_same(flightid: CommandLine, tmp_path: Path,
 
 
 def test_what_speaks_of_an_aircraft(tmp_path: Path) -> None:
-    whole = read_own_model(model_file(tmp_path, SHORT_PERIOD)).model
-    assert is_of_aircraft(whole) and not is_of_aircraft(read_own_model(model_file(tmp_path, ROLL)).model)
+    whole = read_user_model(model_file(tmp_path, SHORT_PERIOD)).model
+    assert is_of_aircraft(whole) and not is_of_aircraft(read_user_model(model_file(tmp_path, ROLL)).model)
     # A charge q in coulomb, or a speed that is none of the air, is another matter.
     belt = SHORT_PERIOD.replace("airspeed", "belt_speed").replace("belt_speed_change", "speed_change")
     charge = SHORT_PERIOD.replace('"q": "rad/s"', '"q": "C"')
-    assert not any(is_of_aircraft(read_own_model(model_file(tmp_path, text)).model) for text in (belt, charge))
+    assert not any(is_of_aircraft(read_user_model(model_file(tmp_path, text)).model) for text in (belt, charge))

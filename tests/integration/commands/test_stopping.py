@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 
 import flightid as fid
-from scenarios.cli.options import telling
+from scenarios.cli.options import output_options
 from scenarios.files.writing import study_folder
 from scenarios.trials.planted import study
 from tests.integration.command_line import CommandLine
@@ -137,7 +137,7 @@ def test_ctrl_c_while_files_are_put_in_place_waits_until_they_are(tmp_path: Path
 def test_what_is_stopped_names_no_folder_that_is_gone(tmp_path: Path, kept: bool) -> None:
     with (
         pytest.raises(KeyboardInterrupt) as stopped,
-        telling(tmp_path / "study" if kept else None, (), quiet=True, as_json=True, documents=["campaign.json"]) as told,
+        output_options(tmp_path / "study" if kept else None, (), quiet=True, as_json=True, documents=["campaign.json"]) as told,
     ):
         raise KeyboardInterrupt(f"the table is in {told.out}")
     assert str(stopped.value) == (f"the table is in {tmp_path}/study" if kept else "")

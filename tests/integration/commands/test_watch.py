@@ -32,7 +32,7 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order import less
 from scenarios.watching import spectral
-from scenarios.watching.reference import Reference, View, live_table, read_reference, standings, vehicle_to_watch
+from scenarios.watching.reference import Reference, View, comparisons, live_table, read_reference, vehicle_to_watch
 from scenarios.watching.session import TOGETHER, Session, pieces, record_of, start, take
 from scenarios.watching.spectral import spectral_session
 from scenarios.watching.study import likely_estimate, plain_so_far, so_far
@@ -265,7 +265,7 @@ def test_flags_take_both_uncertainties(flown: Record) -> None:
     at, sigma = estimate.value("M_q"), estimate.sigma("M_q")
     other, spread = estimate.value("M_alpha"), estimate.sigma("M_alpha")
     reference = Reference("study", {"M_q": (at + 2.5 * sigma, sigma), "M_alpha": (other + 2.5 * spread, 0.1 * spread)})
-    items = {item.name: item for item in standings(estimate, found.derived, reference)}
+    items = {item.name: item for item in comparisons(estimate, found.derived, reference)}
     assert items["M_q"].z == pytest.approx(-2.5 / 2**0.5) and not items["M_q"].beyond
     assert items["M_alpha"].z == pytest.approx(-2.5 / 1.01**0.5) and items["M_alpha"].beyond
     assert items["L_q"].z is None and not items["L_q"].beyond
@@ -289,7 +289,7 @@ def test_what_another_start_would_not_have_found_is_no_number() -> None:
     for name in wrong:
         assert name in plain.hanging or abs(plain.estimate.value(name) - LOES_VALUES[name]) < 3.0 * plain.estimate.sigma(name), name
         assert refined.refined and abs(refined.estimate.value(name) - LOES_VALUES[name]) < 3.0 * refined.estimate.sigma(name), name
-    items = standings(plain.estimate, plain.derived, Reference("study", {"M_q": (-3.0, 0.1)}), {"M_q"})
+    items = comparisons(plain.estimate, plain.derived, Reference("study", {"M_q": (-3.0, 0.1)}), {"M_q"})
     drawn = Console(file=io.StringIO(), width=100, force_terminal=True, color_system=None)
     drawn.print(live_table(View("stream", 6.0, 151, 0, 0, items, session.bank.delays, plain.weights)))
     (told,) = [line for line in drawn.file.getvalue().splitlines() if "M_q" in line]  # type: ignore[attr-defined]

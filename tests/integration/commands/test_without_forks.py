@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from ident.alongside import START_METHOD, can_fork
+from ident.background_task import START_METHOD, can_fork
 from scenarios.files.writing import write_record
 from sim.errors import FlightidError
 from tests import loes_problem as problem

@@ -16,7 +16,7 @@ from exam.detection import WEAK, Alarm, Detection, Finding
 from exam.random_cases.case import Case, CaseScore, Named
 from exam.repeated import LoopFlights, fly_all
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from scenarios.tasks.study import Manner
+from scenarios.tasks.study import Execution
 from tests.diagnoses import tracing_of
 
 
@@ -74,7 +74,7 @@ def test_what_is_kept_of_a_flight_is_what_was_found(found: Any) -> None:
         made.append(SAMPLES[found])
         return made[-1]
 
-    flown = fly_all(LoopFlights("x", fly, found, {}), 2, 3, Manner())
+    flown = fly_all(LoopFlights("x", fly, found, {}), 2, 3, Execution())
     assert flown.found == made and flown.whole and flown.words == "seeds from 3"
 
 
@@ -84,7 +84,7 @@ def test_a_flight_that_fails_is_told_and_ends_nothing() -> None:
             raise ValueError("no such air")
         return SAMPLES[Alarm]
 
-    flown = fly_all(LoopFlights("x", fly, Alarm, {}), 3, 3, Manner())
+    flown = fly_all(LoopFlights("x", fly, Alarm, {}), 3, 3, Execution())
     assert len(flown.found) == 2 and flown.ended == 3
     assert flown.words == "seeds from 3; 1 failed and is left out (1 ValueError: no such air)"
     assert flown.content == {"seed": 3, "runs": 3, "failures": {"ValueError: no such air": 1}}

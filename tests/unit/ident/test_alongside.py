@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from ident.alongside import START_METHOD, Alongside, spare_processor
+from ident.background_task import START_METHOD, BackgroundTask, spare_processor
 
 forks = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="no fork that is safe beside threads")
 
@@ -17,12 +17,12 @@ forks = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="no fork
 @pytest.fixture(autouse=True)
 def spare(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tests may run in a worker, or on one processor, where no fork is made."""
-    monkeypatch.setattr("ident.alongside.spare_processor", lambda: sys.platform.startswith("linux"))
+    monkeypatch.setattr("ident.background_task.spare_processor", lambda: sys.platform.startswith("linux"))
 
 
 @forks
 def test_a_result_comes_from_another_process() -> None:
-    beside = Alongside(os.getpid)
+    beside = BackgroundTask(os.getpid)
     beside.begin()
     beside.begin()
     assert beside.result() != os.getpid()
@@ -32,13 +32,13 @@ def test_a_result_comes_from_another_process() -> None:
 def test_where_nothing_can_fork_it_is_computed_here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
     monkeypatch.setenv(START_METHOD, "spawn")
-    beside = Alongside(os.getpid)
+    beside = BackgroundTask(os.getpid)
     beside.begin()
     assert not spare_processor() and beside.result() == os.getpid()
 
 
 def test_what_was_never_begun_is_computed_here() -> None:
-    assert Alongside(os.getpid).result() == os.getpid()
+    assert BackgroundTask(os.getpid).result() == os.getpid()
 
 
 @forks
@@ -50,14 +50,14 @@ def test_a_fork_that_fails_is_replaced(capfd: pytest.CaptureFixture[str]) -> Non
             raise MemoryError
         return 7
 
-    beside = Alongside(only_here)
+    beside = BackgroundTask(only_here)
     beside.begin()
     assert beside.result() == 7
 
 
 @forks
 def test_what_nobody_wants_is_ended() -> None:
-    beside = Alongside(lambda: time.sleep(60.0))
+    beside = BackgroundTask(lambda: time.sleep(60.0))
     begun = time.monotonic()
     beside.begin()
     child = beside._child
@@ -70,7 +70,7 @@ def test_what_nobody_wants_is_ended() -> None:
 
 @forks
 def test_an_interrupted_wait_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
-    beside = Alongside(lambda: time.sleep(60.0))
+    beside = BackgroundTask(lambda: time.sleep(60.0))
     beside.begin()
     child, opened = beside._child, builtins.open
 
@@ -89,6 +89,6 @@ def test_an_interrupted_wait_leaves_nothing_behind(monkeypatch: pytest.MonkeyPat
 
 @forks
 def test_more_than_a_pipe_holds_comes_through() -> None:
-    beside = Alongside(lambda: bytes(5_000_000))
+    beside = BackgroundTask(lambda: bytes(5_000_000))
     beside.begin()
     assert len(beside.result()) == 5_000_000

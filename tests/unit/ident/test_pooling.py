@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from scipy.stats import chi2, kstest, multivariate_normal, norm
 from scipy.stats import t as student
 
-from ident.pooling import Evidence, _at, adjusted, conditioned, pooled, recurrence, standing_out, trend, without_one
+from ident.pooling import Evidence, _at, adjusted, conditioned, outlying_flights, pooled, recurrence, trend, without_one
 
 
 def restricted_oracle(values: np.ndarray, sigmas: np.ndarray) -> float:
@@ -101,7 +101,7 @@ def test_a_trend_is_a_weighted_regression_with_students_probability(n: int) -> N
 def test_how_far_a_flight_is_off_counts_its_own_sigma_and_the_scatter_between_flights_once_each(scatter: float) -> None:
     """Residuals at the quantiles of a Gaussian of variance sigma^2 + scatter^2 are off by these quantiles, whatever their common value."""
     quantiles = norm.ppf((np.arange(101) + 0.5) / 101.0)
-    off, out = standing_out(5.0 + np.hypot(0.5, scatter) * quantiles, np.full(101, 0.5))
+    off, out = outlying_flights(5.0 + np.hypot(0.5, scatter) * quantiles, np.full(101, 0.5))
     np.testing.assert_allclose(off, quantiles, rtol=0.02, atol=1e-9)
     assert not out.any()
 
@@ -158,9 +158,9 @@ def test_one_flight_stands_out_and_clean_ones_do_not() -> None:
     for _ in range(100):
         sigmas = rng.uniform(0.5, 1.5, 20)
         left = sigmas * rng.standard_normal(20)
-        false += standing_out(left, sigmas)[1].sum()
+        false += outlying_flights(left, sigmas)[1].sum()
         left[3] += 9.0
-        assert standing_out(left, sigmas)[1][3]
+        assert outlying_flights(left, sigmas)[1][3]
     assert false <= 6
 
 

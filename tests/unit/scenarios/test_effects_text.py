@@ -9,11 +9,11 @@ import pytest
 
 from scenarios.kept import effect_content, effect_of
 from sim.declaration.proposal import Refinable
-from sim.effects.library import effects_for, guards_for
+from sim.effects.library import catch_all_terms_for, effects_for
 from sim.errors import DeclarationError
 from sim.vehicles.factory import FAMILIES
 
-EFFECTS = [effect for equations, _, _ in FAMILIES.values() for effect in (*effects_for(equations), *guards_for(equations))]
+EFFECTS = [effect for equations, _, _ in FAMILIES.values() for effect in (*effects_for(equations), *catch_all_terms_for(equations))]
 
 
 def there_and_back(effect: Any) -> Any:

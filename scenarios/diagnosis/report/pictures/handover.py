@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-from scenarios.plots.display import Pictured, Replicated, Standing
+from scenarios.plots.display import NamedEffects, Pictured, Replicated
 from scenarios.plots.formats import USUAL, Formats
 from sim.record import Channel, Hold, Record
 
@@ -93,9 +93,9 @@ def _read_candidate(some: list[Any]) -> Candidate:
     return Candidate(number, tuple(within), name, gain, weight, fitted, {}, tuple(like))
 
 
-def _read_standing(some: Mapping[str, Any]) -> Standing:
+def _read_standing(some: Mapping[str, Any]) -> NamedEffects:
     alternatives = {name: tuple(names) for name, names in some["alternatives"].items()}
-    return Standing(tuple(some["claimed"]), alternatives, tuple(some["hints"]), some["noise_left"])
+    return NamedEffects(tuple(some["claimed"]), alternatives, tuple(some["hints"]), some["noise_left"])
 
 
 def _quantities(some: Mapping[str, Quantity]) -> dict[str, list[Any]]:

@@ -8,7 +8,7 @@ from ident.tracing.diagnosis import Prediction, Verdict
 from scenarios.diagnosis.report.data_words import kind_of_predicted, record_labels
 from scenarios.diagnosis.report.declared_only import as_declared
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, Pictured, Replicated, Standing
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, NamedEffects, Pictured, Replicated
 
 LARGEST = 1e30  # what a number that has run away is written as: it reads back everywhere, and its square is finite
 
@@ -18,7 +18,7 @@ def pictured(tracing: Tracing) -> Pictured:
     d = as_declared(tracing.diagnosis)
     predictions = tuple(Prediction(p.record, p.channels, bounded_series(p.before), bounded_series(p.after)) for p in d.predictions)
     claimed = [claim for claim in tracing.diagnosis.effects if claim.claimed]
-    standing = Standing(
+    standing = NamedEffects(
         tuple(claim.name for claim in claimed),
         {claim.name: claim.alternatives for claim in claimed if claim.alternatives},
         tuple(claim.name for claim in tracing.diagnosis.effects if not claim.claimed),

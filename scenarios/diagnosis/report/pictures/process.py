@@ -109,9 +109,9 @@ class Drawer:
 
 
 def _without_evidence(pictured: Pictured) -> Pictured:
-    from scenarios.plots.display import Standing
+    from scenarios.plots.display import NamedEffects
 
-    return replace(pictured, candidates=(), standing=Standing())
+    return replace(pictured, candidates=(), standing=NamedEffects())
 
 
 @contextmanager

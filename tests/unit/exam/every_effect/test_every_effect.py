@@ -20,15 +20,15 @@ from exam.every_effect.work import EveryEffect, scored_flight_of
 from exam.repeated import fly_all
 from exam.scores.scored_flight import Outcome, Standing
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.tasks.study import Manner
+from scenarios.tasks.study import Execution
 from tests.diagnoses import tracing_of
 
 
 def test_rows_do_not_depend_on_how_many_there_are_and_are_read_as_they_were_written(tmp_path: Path) -> None:
     falls = EveryEffectOfFalls(("nothing", "density-scale-height"))
-    whole = fly_all(falls, 2, 6, Manner(1, tmp_path / "a"))
-    part = fly_all(falls, 1, 6, Manner(1, tmp_path / "b"))
-    more = fly_all(falls, 2, 6, Manner(1, tmp_path / "b", resume=True))
+    whole = fly_all(falls, 2, 6, Execution(1, tmp_path / "a"))
+    part = fly_all(falls, 1, 6, Execution(1, tmp_path / "b"))
+    more = fly_all(falls, 2, 6, Execution(1, tmp_path / "b", resume=True))
     rows = [cells_of(each) for each in whole.found]
     assert [cells_of(each) for each in part.found] == rows[:1] and [cells_of(each) for each in more.found] == rows
     assert all({*row} == {*COLUMNS} for row in rows)

@@ -16,7 +16,7 @@ from exam.random_cases.summary import coverage, summary, summary_table
 from ident.recording.series import Certainty, RecordFinding
 from ident.recording.series import Kind as FindingKind
 from ident.tracing.diagnosis import Claim, Verdict
-from scenarios.preparation.recording import WARNED, RawLook, Seen
+from scenarios.preparation.recording import WARNED, RecordCheck, Seen
 from sim.errors import ModelError, RecordError
 from tests.diagnoses import tracing_of
 
@@ -32,7 +32,7 @@ def marked(hidden: tuple[str, ...], verdict: Verdict, claims: tuple[Claim, ...],
     tracing = tracing_of(Verdict.CONSISTENT)
     diagnosis = replace(tracing.diagnosis, verdict=verdict, effects=claims)
     finding = RecordFinding(warned_of, FindingKind.HELD, Certainty.LIKELY, "is updated late")
-    look = RawLook(("train.csv",), (Seen("train.csv", finding, WARNED),)) if warned_of else tracing.look
+    look = RecordCheck(("train.csv",), (Seen("train.csv", finding, WARNED),)) if warned_of else tracing.look
     return case_score_of(case(*hidden), drawn_aircraft(np.random.default_rng(1))[1], replace(tracing, diagnosis=diagnosis, look=look), 1.0)
 
 

@@ -29,7 +29,7 @@ from exam.surrogates.text import surrogate_text
 from ident.tracing.diagnosis import Claim, Prediction, Quantity, Verdict
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.studies.catalogue import scenario_kind
-from scenarios.tasks.study import Manner
+from scenarios.tasks.study import Execution
 from scenarios.tasks.work import seed_of
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError
@@ -157,7 +157,7 @@ def test_a_campaign_flies_every_seed_and_says_so(monkeypatch: pytest.MonkeyPatch
     from exam.surrogates.campaign_text import write_campaign
 
     monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, model, progress: tracing_of(Verdict.PARTIAL))
-    done = fly_all(surrogate_flights(replace(short(EVERY, step=0.02), draws=2)), 2, 7, Manner())
+    done = fly_all(surrogate_flights(replace(short(EVERY, step=0.02), draws=2)), 2, 7, Execution())
     judged = done.found
     seeds = [seed_of(7, number) for number in range(2)]
     assert [flown.seed for flown in judged] == seeds
@@ -175,9 +175,9 @@ def test_a_campaign_flies_every_seed_and_says_so(monkeypatch: pytest.MonkeyPatch
 def test_a_campaign_goes_on_and_gives_the_same(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, model, progress: tracing_of(Verdict.PARTIAL))
     flown, told = replace(short(EVERY, step=0.02), draws=0), []
-    kept = fly_all(surrogate_flights(flown), 2, 7, Manner(1, tmp_path), lambda stage, share: told.append(share))
-    more = fly_all(surrogate_flights(flown), 3, 7, Manner(1, tmp_path, resume=True))
-    assert more == fly_all(surrogate_flights(flown), 3, 7, Manner()) and more.found[:2] == kept.found
+    kept = fly_all(surrogate_flights(flown), 2, 7, Execution(1, tmp_path), lambda stage, share: told.append(share))
+    more = fly_all(surrogate_flights(flown), 3, 7, Execution(1, tmp_path, resume=True))
+    assert more == fly_all(surrogate_flights(flown), 3, 7, Execution()) and more.found[:2] == kept.found
     assert told == sorted(told) and told[-1] == 1.0
 
 

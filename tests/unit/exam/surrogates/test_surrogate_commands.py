@@ -16,7 +16,7 @@ from exam.surrogates.catalogue import load_surrogate, surrogate_names
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.records import read_record
 from scenarios.files.vehicles import read_vehicle
-from scenarios.tasks.study import Manner
+from scenarios.tasks.study import Execution
 from sim.record import Hold
 from tests.diagnoses import tracing_of
 
@@ -96,7 +96,7 @@ def test_campaign_prints_shares_with_intervals(examined: Callable[..., str], tmp
 @pytest.mark.parametrize("name", ["surrogate-none", "surrogate-one"])
 def test_campaign_of_the_loop(name: str) -> None:
     """What is asked of the loop on data that look measured, as far as so many flights can contradict it: an interval that excludes it fails."""
-    found = shares(fly_all(surrogate_flights(load_surrogate(name)), 12, 500, Manner(None)).found)
+    found = shares(fly_all(surrogate_flights(load_surrogate(name)), 12, 500, Execution(None)).found)
     assert found["false_claims"].interval[0] <= 0.05
     assert found["held_out_worse"].interval[0] <= 0.05
     assert found["named"].interval[1] >= 0.9

@@ -9,7 +9,7 @@ import pytest
 
 from ident.banks.delays import run_delay_bank
 from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, moved_starts, online_bank, with_delays
-from ident.banks.relinearised import Relinearised, along, due, joint, joint_estimate, linearise, on_a_grid_that_fits, told_enough, weighed
+from ident.banks.relinearised import Relinearised, along, due, informative_enough, joint, joint_estimate, linearise, on_a_grid_that_fits, sharper_of
 from ident.estimate import Estimate
 from sim.declaration.model import System
 from sim.record import Record
@@ -79,18 +79,18 @@ def test_row_by_row_it_stays_at_the_refinement_of_all_rows(flown: tuple[Record, 
 def test_the_last_rows_go_on_where_they_hold_what_is_known_and_are_weighed_else(halfway: Relinearised) -> None:
     mean, covariance = joint(halfway.bank, halfway.state)
     std = np.sqrt(np.diagonal(covariance))
-    assert weighed(None, halfway, FACTORS) is halfway and weighed(halfway, None, FACTORS) is halfway
-    assert weighed(None, None, FACTORS) is None
+    assert sharper_of(None, halfway, FACTORS) is halfway and sharper_of(halfway, None, FACTORS) is halfway
+    assert sharper_of(None, None, FACTORS) is None
     as_sharp = replace(halfway, std=1.2 * std)
-    assert weighed(halfway, as_sharp, FACTORS) is as_sharp
+    assert sharper_of(halfway, as_sharp, FACTORS) is as_sharp
     at = halfway.bank.names.index("M_q")
     moved = mean.copy()
     moved[at] += 3.0 * 2.0 * std[at]
-    kept = weighed(halfway, replace(halfway, mean=moved, std=2.0 * std), FACTORS)
+    kept = sharper_of(halfway, replace(halfway, mean=moved, std=2.0 * std), FACTORS)
     assert kept is not None and kept.state is halfway.state
     assert kept.apart[at] == pytest.approx(6.0 * std[at]) and np.count_nonzero(kept.apart) == 1
     assert joint_estimate(kept).sigma("M_q") == pytest.approx(37.0**0.5 * std[at])
-    agreed = weighed(halfway, replace(halfway, mean=mean + std, std=2.0 * std), FACTORS)
+    agreed = sharper_of(halfway, replace(halfway, mean=mean + std, std=2.0 * std), FACTORS)
     assert agreed is not None and not agreed.apart.any()
 
 
@@ -149,6 +149,6 @@ def test_moments_over_filters_are_those_of_the_mixture(halfway: Relinearised) ->
 
 def test_before_the_maneuver_nothing_is_told(flown: tuple[Record, System, OnlineBank, Rows], states: list[BankState]) -> None:
     record, system, bank, _ = flown
-    assert not told_enough(bank, states[12], FACTORS) and told_enough(bank, states[HALF], FACTORS)
+    assert not informative_enough(bank, states[12], FACTORS) and informative_enough(bank, states[HALF], FACTORS)
     quiet = record.window(0.0, float(record.time[12]))
     assert linearise(quiet, system, bank, states[12], bank.start[:, None]) is None

@@ -14,7 +14,7 @@ from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.evidence.steady_search import SPREAD
 from ident.tracing.loop import diagnose
 from sim.declaration.proposal import Traceable
-from sim.effects.library import effects_for, guards_for
+from sim.effects.library import catch_all_terms_for, effects_for
 from sim.effects.model_discrepancy import discrepancy_for
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
@@ -221,7 +221,7 @@ def test_spikes_of_the_recorded_input_are_mended() -> None:
 
 def test_a_guard_is_never_claimed() -> None:
     """The truth is a guard's term, which the library does not name."""
-    guard = next(guard for guard in guards_for(ShortPeriod()) if guard.name == "guard:alpha-q")
+    guard = next(guard for guard in catch_all_terms_for(ShortPeriod()) if guard.name == "guard:alpha-q")
     values = {"guard:alpha-q.lift": 0.0, "guard:alpha-q.moment": 400.0}
     records, validation = [planted([guard], values, 1)], [planted([guard], values, 2)]
     diagnosis = diagnose(records, declared(), CANDIDATES, (guard,), validation, SETTINGS)

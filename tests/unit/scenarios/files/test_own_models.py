@@ -10,7 +10,7 @@ import pytest
 from scenarios.files.channels import ColumnChoice, read_channel_map
 from scenarios.files.records import read_record
 from scenarios.files.units import is_unit, to_si
-from scenarios.files.user_models import channel_units, is_model_file, read_own_model
+from scenarios.files.user_models import channel_units, is_model_file, read_user_model
 from scenarios.files.vehicles import MODELS, VehicleFile, read_vehicle
 from scenarios.preparation.declared_model import model_of_file
 from sim.errors import DeclarationError, RecordError
@@ -64,7 +64,7 @@ def test_a_vehicle_file_gives_some_of_them_in_any_unit(tmp_path: Path) -> None:
 def test_one_line_on_a_wrong_model_file(tmp_path: Path, text: str, line: str) -> None:
     path = model_file(tmp_path, text)
     with pytest.raises(DeclarationError) as caught:
-        read_own_model(path, MODELS)
+        read_user_model(path, MODELS)
     message = str(caught.value)
     assert message.startswith(str(path)) and line.format(file=path) in message and "\n" not in message and len(caught.value.remedy) > 4
 
@@ -111,7 +111,7 @@ def test_built_in_models_need_their_file() -> None:
 
 
 def test_channels_are_the_declared_names_in_the_declared_units(tmp_path: Path) -> None:
-    model = read_own_model(model_file(tmp_path, SPRING)).model
+    model = read_user_model(model_file(tmp_path, SPRING)).model
     units = channel_units(model)
     assert units == {"time": "s", "force": "N", "x": "m", "acceleration": "m/s2"}
     path = tmp_path / "record.csv"

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Quantity, Verdict
-from scenarios.plots.display import Replicated, Standing, reason
+from scenarios.plots.display import NamedEffects, Replicated, reason
 from scenarios.plots.drawing import figure_png
 from scenarios.plots.style import BLUE
 from scenarios.plots.tracing import (
@@ -67,7 +67,7 @@ def test_held_out_shows_measured_and_both_predictions() -> None:
 
 def test_evidence_has_the_longest_bar_on_top_and_the_claimed_one_blue() -> None:
     candidates = tracing_of(Verdict.PARTIAL).diagnosis.candidates
-    figure = figure_evidence(candidates, Standing(("sensor-lag:alpha",), noise_left=True))
+    figure = figure_evidence(candidates, NamedEffects(("sensor-lag:alpha",), noise_left=True))
     assert len(figure.axes) == 2, "two rounds"
     bars = [bar for bar in figure.axes[0].patches if isinstance(bar, Rectangle)]
     tops = sorted(bars, key=lambda bar: bar.get_y())
@@ -104,7 +104,7 @@ def test_evidence_says_beside_each_bar_why_it_was_not_chosen() -> None:
         candidate("elastic-mode", 800.0, fitted=False),
         candidate("speed-variation", -4.0),
     ]
-    figure = figure_evidence(candidates, Standing(("input-delay",), noise_left=True))
+    figure = figure_evidence(candidates, NamedEffects(("input-delay",), noise_left=True))
     rows = rows_of(figure)
     assert rows == {
         "input-delay": ["1539", "claimed"],
@@ -124,20 +124,20 @@ def test_evidence_says_beside_each_bar_why_it_was_not_chosen() -> None:
 
 def test_evidence_shows_a_candidate_once_as_it_was_fitted() -> None:
     twice = [candidate("sensor-lag:q", 246.0, fitted=False), candidate("sensor-lag:q", 857.0), candidate("sensor-lag:q", 700.0)]
-    assert rows_of(figure_evidence(twice, Standing(("sensor-lag:q",)))) == {"sensor-lag:q": ["857", "claimed"]}
+    assert rows_of(figure_evidence(twice, NamedEffects(("sensor-lag:q",)))) == {"sensor-lag:q": ["857", "claimed"]}
     # Also where its signature promised more than the fit brought.
     assert rows_of(figure_evidence([replace(twice[0], weight=900.0), twice[2]])) == {"sensor-lag:q": ["700", "not spread evenly"]}
 
 
 def test_evidence_counts_what_it_leaves_out_and_keeps_what_is_named() -> None:
     many = [candidate(f"effect-{number}", 100.0 - number) for number in range(20)] + [candidate("hint", 1.0)]
-    (panel,) = figure_evidence(many, Standing(hints=("hint",))).axes
+    (panel,) = figure_evidence(many, NamedEffects(hints=("hint",))).axes
     assert "hint" in {label.get_text() for label in panel.get_yticklabels()} and len(panel.get_yticks()) == 12
     assert "9 others below" in [text.get_text() for text in panel.texts]
 
 
 def test_alternatives_are_marked_beside_the_other_claims_and_nothing_more_is_needed_where_noise_is_left() -> None:
-    standing = Standing(("a", "b"), {"b": ("c",)}, noise_left=True)
+    standing = NamedEffects(("a", "b"), {"b": ("c",)}, noise_left=True)
     late = candidate("c", 5.0, within=("a",))
     assert reason(late, standing, [late]) == "an alternative" and reason(replace(late, within=()), standing, [late]) != "an alternative"
     last = candidate("d", 5.0, within=("a", "b"))

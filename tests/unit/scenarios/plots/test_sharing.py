@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from ident.alongside import START_METHOD
+from ident.background_task import START_METHOD
 from scenarios.plots.drawing import shared_out
 from tests.forks import remembered_forks
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scenarios.preparation.measured_inputs import with_attitude
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.plausibility import moves, refuse_still
-from scenarios.preparation.recording import expectations_of, looked_at
+from scenarios.preparation.recording import checked_records, expectations_of
 from sim.errors import RecordError
 from sim.record import Channel, Record
 from tests.oracles.falling_speed import fly_falling
@@ -33,7 +33,7 @@ def with_values(record: Record, name: str, values: np.ndarray) -> Record:
 
 def test_a_sound_record_passes(sound: Record) -> None:
     refuse_still([sound], declared())
-    (same,), look = looked_at([sound], expectations_of(declared()), Plan())
+    (same,), look = checked_records([sound], expectations_of(declared()), Plan())
     assert same is sound and look.seen == ()
 
 
@@ -74,11 +74,11 @@ def test_noise_alone_is_no_motion_and_a_spike_is_none(seed: int, count: int, siz
 def test_degrees_in_a_column_of_radians_are_noticed(sound: Record, name: str) -> None:
     degrees = np.degrees(sound[name].values)
     with pytest.raises(RecordError, match=f"channel {name}: moves by .*{name}_deg"):
-        looked_at([with_values(sound, name, degrees)], expectations_of(declared()), Plan())
+        checked_records([with_values(sound, name, degrees)], expectations_of(declared()), Plan())
 
 
 def test_single_wild_samples_are_left_to_the_search_for_spikes(sound: Record) -> None:
     wild = sound["alpha"].values.copy()
     wild[:3] = 50.0
-    (_,), look = looked_at([with_values(sound, "alpha", wild)], expectations_of(declared()), Plan())
+    (_,), look = checked_records([with_values(sound, "alpha", wild)], expectations_of(declared()), Plan())
     assert all(one.finding.kind.value == "dropout" for one in look.seen)

@@ -10,7 +10,7 @@ import pytest
 from ident.recording.series import Expectations
 from scenarios.files.writing import json_text
 from scenarios.preparation.plan import Plan
-from scenarios.preparation.recording import expectations_of, joined, looked_at, record_content, record_lines, record_rows
+from scenarios.preparation.recording import checked_records, expectations_of, joined, record_content, record_lines, record_rows
 from sim.errors import RecordError
 from sim.record import Record
 from sim.vehicles.factory import model_from_constants
@@ -29,14 +29,14 @@ def repeating(values: np.ndarray) -> np.ndarray:
 
 
 def test_a_sound_record_comes_back_itself(sound: Record) -> None:
-    (same,), look = looked_at([sound], EXPECTED, Plan())
+    (same,), look = checked_records([sound], EXPECTED, Plan())
     assert same is sound and not look.seen and not look.doubts and not record_lines(look)
     assert record_content(look) == {"looked_at": ["flight.csv"], "trusted": False, "findings": [], "masked": {}}
 
 
 def test_held_samples_are_set_aside_and_counted(sound: Record) -> None:
     held = altered(sound, alpha=repeating)
-    (ready,), look = looked_at([held], EXPECTED, Plan())
+    (ready,), look = checked_records([held], EXPECTED, Plan())
     assert np.array_equal(np.flatnonzero(ready["alpha"].valid), np.arange(0, len(sound), 4))
     assert ready["q"] is held["q"] and ready.time is not None
     masked = len(sound) - len(np.arange(0, len(sound), 4))
@@ -49,7 +49,7 @@ def test_held_samples_are_set_aside_and_counted(sound: Record) -> None:
 
 
 def test_a_filter_is_given_lines_between_updates(sound: Record) -> None:
-    (ready,), look = looked_at([altered(sound, alpha=repeating)], EXPECTED, Plan(lowpass=5.0))
+    (ready,), look = checked_records([altered(sound, alpha=repeating)], EXPECTED, Plan(lowpass=5.0))
     fresh = np.arange(0, len(sound), 4)
     assert np.all(ready["alpha"].valid)
     assert np.allclose(ready["alpha"].values, np.interp(sound.time, sound.time[fresh], sound["alpha"].values[fresh]))
@@ -60,13 +60,13 @@ def test_a_certain_fault_is_refused_with_its_remedy_in_one_line(sound: Record) -
     with pytest.raises(
         RecordError, match=r"flight.csv, channel nz: has the sign turned: .*; turn the sign of the column of nz \(--trust-record"
     ) as caught:
-        looked_at([sound, altered(sound, nz=np.negative)], EXPECTED, Plan())
+        checked_records([sound, altered(sound, nz=np.negative)], EXPECTED, Plan())
     assert "\n" not in str(caught.value)
 
 
 def test_a_record_that_is_trusted_is_warned_of_and_left_whole(sound: Record) -> None:
     faulty = altered(sound, nz=np.negative, alpha=repeating)
-    (same,), look = looked_at([faulty], EXPECTED, Plan(trusted=True))
+    (same,), look = checked_records([faulty], EXPECTED, Plan(trusted=True))
     assert same is faulty and look.trusted and len(look.doubts) == 2 and not look.lines
     content = record_content(look)
     assert content["trusted"] is True and content["masked"] == {}
@@ -74,7 +74,7 @@ def test_a_record_that_is_trusted_is_warned_of_and_left_whole(sound: Record) -> 
 
 
 def test_a_likely_fault_is_a_warning(sound: Record) -> None:
-    (same,), look = looked_at([altered(sound, alpha=lambda v: v + 0.03 * (np.arange(len(v)) > 430))], EXPECTED, Plan())
+    (same,), look = checked_records([altered(sound, alpha=lambda v: v + 0.03 * (np.arange(len(v)) > 430))], EXPECTED, Plan())
     assert np.all(same["alpha"].valid)
     (doubt,) = look.doubts
     assert doubt.startswith("flight.csv: alpha jumps by 1.") and "as segments" in doubt
@@ -82,7 +82,7 @@ def test_a_likely_fault_is_a_warning(sound: Record) -> None:
 
 def test_the_content_is_strict_json(sound: Record) -> None:
     faulty = altered(sound, alpha=repeating, q=lambda v: np.where(np.arange(len(v)) % 97 == 5, -999.0, v))
-    _, look = looked_at([faulty], EXPECTED, Plan())
+    _, look = checked_records([faulty], EXPECTED, Plan())
     read = json.loads(json_text(record_content(joined([look, look], trusted=False))))
     assert read["looked_at"] == ["flight.csv"] and len(read["findings"]) == 4
     for one in read["findings"]:

@@ -12,7 +12,7 @@ from scenarios.studies.campaign import EstimatorRuns, Rebuilt, campaign_of, fly_
 from scenarios.studies.catalogue import load_document, load_scenario
 from scenarios.studies.estimating import LANES
 from scenarios.studies.study import run_scenario
-from scenarios.tasks.study import Manner, TaskRequest, run_study
+from scenarios.tasks.study import Execution, TaskRequest, run_study
 from scenarios.tasks.work import RowTable, tasks_of
 from sim.errors import FlightidError
 
@@ -34,15 +34,15 @@ def test_a_row_does_not_depend_on_how_full_its_block_is(name: str, method: str) 
 def test_a_campaign_is_the_same_stopped_and_raised_and_in_processes(method: str, tmp_path: Path) -> None:
     scenario = load_scenario("flexible-ac1-equivalent", SHORT)
     once = fly_campaign(scenario, 9, 4, method)
-    fly_campaign(scenario, 5, 4, method, manner=Manner(1, tmp_path))
-    raised = fly_campaign(scenario, 9, 4, method, manner=Manner(1, tmp_path, resume=True))
-    shared = fly_campaign(scenario, 9, 4, method, manner=Manner(2, limit=60.0))
+    fly_campaign(scenario, 5, 4, method, manner=Execution(1, tmp_path))
+    raised = fly_campaign(scenario, 9, 4, method, manner=Execution(1, tmp_path, resume=True))
+    shared = fly_campaign(scenario, 9, 4, method, manner=Execution(2, limit=60.0))
     for other in (raised, shared):
         for name in ("seeds", "values", "std", "nees", "nis", "degrees"):
             assert getattr(other, name).tobytes() == getattr(once, name).tobytes(), name
     with pytest.raises(FlightidError, match=r"another study: flight\.rate was 50\.0 and now is 25\.0"):
         fly_campaign(
-            load_scenario("flexible-ac1-equivalent", ("flight.duration=4 s", "flight.rate=25")), 9, 4, method, manner=Manner(1, tmp_path, True)
+            load_scenario("flexible-ac1-equivalent", ("flight.duration=4 s", "flight.rate=25")), 9, 4, method, manner=Execution(1, tmp_path, True)
         )
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from scenarios.studies.campaign import EstimatorRuns
-from scenarios.studies.campaign_causes import judged_wrong
+from scenarios.studies.campaign_causes import wrong_sigmas
 from scenarios.studies.campaign_statistics import Bound, coverage_of
-from scenarios.studies.campaign_trials import STATES, Level, foretold_by_colour, foretold_by_prior, likely_levels, split
+from scenarios.studies.campaign_trials import STATES, Level, likely_levels, predicted_by_colour, predicted_by_prior, split
 from scenarios.studies.catalogue import load_scenario
 from scenarios.tasks.work import tasks_of
 
@@ -24,7 +24,7 @@ def statistics_of(sigmas: np.ndarray) -> Any:
 
 def test_right_campaigns_are_called_wrong_as_seldom_as_said() -> None:
     rng, draws = np.random.default_rng(4), 150
-    called = [bool(judged_wrong(statistics_of(rng.standard_normal((8, 300))))) for _ in range(draws)]
+    called = [bool(wrong_sigmas(statistics_of(rng.standard_normal((8, 300))))) for _ in range(draws)]
     assert np.mean(called) < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / draws)
 
 
@@ -32,7 +32,7 @@ def test_right_campaigns_are_called_wrong_as_seldom_as_said() -> None:
 def test_the_factor_is_that_by_which_sigmas_are_wrong(factor: float) -> None:
     drawn = np.random.default_rng(6).standard_normal((3, 20000))
     drawn[1] *= factor
-    (wrong,) = judged_wrong(statistics_of(drawn))
+    (wrong,) = wrong_sigmas(statistics_of(drawn))
     assert wrong.at == 1 and wrong.too_small == (factor > 1.0)
     assert wrong.factor == pytest.approx(factor, rel=0.03) and wrong.rms == pytest.approx(factor, rel=0.03)
 
@@ -65,7 +65,7 @@ def test_coloured_noise_is_foretold_as_it_scatters_a_linear_estimator() -> None:
     stated = np.sqrt(np.diag(gain))
     bound = Bound(("a", "b"), stated, stated, np.zeros(2), stated, gain, slopes)
     residuals = split(noise[None, :, :60], np.ones((1, count), dtype=bool), ("y",))
-    foretold = foretold_by_colour(bound, residuals)
+    foretold = predicted_by_colour(bound, residuals)
     assert foretold is not None
     np.testing.assert_allclose(foretold, errors.std(axis=1) / stated, rtol=0.06)
     assert np.all(foretold > 1.8)
@@ -73,7 +73,7 @@ def test_coloured_noise_is_foretold_as_it_scatters_a_linear_estimator() -> None:
 
 def test_errors_by_a_prior_are_its_pull_and_what_scatter_is_left() -> None:
     bound = Bound(("a",), np.array([2.0]), np.array([0.3]), np.array([0.4]), np.array([0.5]), np.eye(1))
-    foretold, share = foretold_by_prior(bound, 0)
+    foretold, share = predicted_by_prior(bound, 0)
     assert foretold == pytest.approx(1.0) and share == pytest.approx(1.0 - 0.36)
 
 

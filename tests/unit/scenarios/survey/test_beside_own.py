@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.survey.recurring import recurring_beside_own
+from scenarios.survey.recurring import recurring_with_other_effects
 from tests.unit.scenarios.survey.made_up import Flown, flown, kept
 
 SHARED = ("delay", "arm")
@@ -35,10 +35,10 @@ def test_one_name_for_two_effects_goes() -> None:
     flights, rng = fleet(1)
     fits = [each.fits() for each in flights]
     both = flights[3].effects["delay"] + 0.8 * flights[3].effects["arm"] + 0.1 * rng.standard_normal((60, 1))
-    plain, _, _ = recurring_beside_own(SHARED, tuple(kept([{}] * COUNT)), fits, kept([{}] * COUNT))
+    plain, _, _ = recurring_with_other_effects(SHARED, tuple(kept([{}] * COUNT)), fits, kept([{}] * COUNT))
     spoilt = [*fits[:3], with_own(flights[3], both), *fits[4:]]
     claims: list[dict[str, list[str]]] = [{}, {}, {}, {"lag": []}, *([{}] * (COUNT - 4))]
-    found, sets, taken = recurring_beside_own(SHARED, tuple(kept(claims)), spoilt, kept(claims))
+    found, sets, taken = recurring_with_other_effects(SHARED, tuple(kept(claims)), spoilt, kept(claims))
     assert taken[3]["sets"] is spoilt[3]["sets_without"]
     assert sets == [frozenset(SHARED)] * COUNT
     for each, same in zip(found, plain, strict=True):
@@ -52,7 +52,7 @@ def test_an_effect_that_acts_in_one_flight_stays() -> None:
     fits = [each.fits() for each in flights]
     fits[3] = with_own(gusty, gust)
     claims: list[dict[str, list[str]]] = [{}, {}, {}, {"lag": []}, *([{}] * (COUNT - 4))]
-    found, _, taken = recurring_beside_own(SHARED, tuple(kept(claims)), fits, kept(claims))
+    found, _, taken = recurring_with_other_effects(SHARED, tuple(kept(claims)), fits, kept(claims))
     assert taken[3]["sets"] is fits[3]["sets"]
     for each, true in zip(sorted(found, key=lambda each: each.name), (0.8, 1.0), strict=True):
         assert abs(each.found.value[0] - true) < 4.0 * np.sqrt(each.found.covariance[0, 0])

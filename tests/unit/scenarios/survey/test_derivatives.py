@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
 from ident.pooling import Recurrence
-from scenarios.survey.recurring import TOLD, Recurring, effects_over, estimates, over_flights, recurring
+from scenarios.survey.recurring import FALSE_DISCOVERY_RATE, Recurring, effects_over, estimates, over_flights, recurring
 from tests.unit.scenarios.survey.made_up import DECLARED, TRUE, UNITS, flown, kept
 
 COUNT = 14
@@ -118,7 +118,7 @@ def test_trends_are_those_of_a_regression_written_a_second_way() -> None:
     assert moved.drifts is not None
     assert moved.drifts[0] == "mass"
     assert plain.drifts is None
-    assert moved.differs < TOLD
+    assert moved.differs < FALSE_DISCOVERY_RATE
     # Of the four questions asked: Benjamini and Hochberg's rule, walked down by hand.
     asked = sorted(line.p_value for each in (plain, moved) for line, _ in each.trends.values())
     least = min(asked[place] * 4 / (place + 1) for place in range(4))

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from scipy.special import expit, log_expit
 
 from ident.pooling import CHANCE
-from scenarios.survey.recurring import candidates, judged, own_effects, recurring, starts_of
+from scenarios.survey.recurring import candidates, effects_of_one_flight, recurrence_of_effect, recurring, starts_of
 from tests.unit.scenarios.survey.made_up import Flown, flown, kept
 
 NONE = frozenset[str]()
@@ -48,7 +48,7 @@ def every_sample(flights: Sequence[Flown], name: str) -> tuple[np.ndarray, float
 @pytest.mark.parametrize(("size", "parameters"), [(0.35, 1), (0.6, 1), (0.35, 2)])
 def test_value_share_and_probabilities_are_those_of_all_samples(size: float, parameters: int) -> None:
     flights = fleet(1, 10, {"delay": [1.0, 0.0] * 5}, size, parameters=parameters)
-    found = judged([each.fits() for each in flights], "delay", [NONE] * 10)
+    found = recurrence_of_effect([each.fits() for each in flights], "delay", [NONE] * 10)
     value, share, total, probability = every_sample(flights, "delay")
     assert found is not None
     assert found.scatter == 0.0
@@ -81,7 +81,7 @@ def test_what_acts_is_found_in_its_flights_and_nothing_else() -> None:
 def test_the_common_sigma_holds_over_fleets() -> None:
     off = []
     for seed in range(30):
-        found = judged([each.fits() for each in fleet(100 + seed, 8, {"arm": [0.5] * 8})], "arm", [NONE] * 8)
+        found = recurrence_of_effect([each.fits() for each in fleet(100 + seed, 8, {"arm": [0.5] * 8})], "arm", [NONE] * 8)
         assert found is not None
         off.append((found.value[0] - 0.5) / np.sqrt(found.covariance[0, 0]))
     assert abs(np.mean(off)) < 3.5 / np.sqrt(30)
@@ -133,14 +133,14 @@ def test_a_flight_whose_model_cannot_have_it_is_not_told() -> None:
     fits = [each.fits() for each in fleet(5, 8, {"delay": [1.0] * 8})]
     for each in fits[:2]:
         each["effects"], each["sets"] = {}, {"": each["sets"][""]}
-    found = judged(fits, "delay", [NONE] * 8)
-    six = judged(fits[2:], "delay", [NONE] * 6)
+    found = recurrence_of_effect(fits, "delay", [NONE] * 8)
+    six = recurrence_of_effect(fits[2:], "delay", [NONE] * 6)
     assert found is not None
     assert six is not None
     assert found.value == pytest.approx(six.value)
     assert found.probability[2:] == pytest.approx(six.probability)
     assert list(found.at_common[:2]) == [0.0, 0.0]
-    assert judged(fits[:3], "delay", [NONE] * 3) is None
+    assert recurrence_of_effect(fits[:3], "delay", [NONE] * 3) is None
 
 
 def test_candidates_are_what_two_flights_name_and_one_claims() -> None:
@@ -164,6 +164,6 @@ def test_a_flights_own_effects_and_the_starts_of_shared_ones() -> None:
         for each in flight["effects"]:
             each["parameters"] = {"delay": {"value": 0.1 * (number + 1), "unit": "s", "std": 0.01}}
     shared = ("sensor-delay:q",)
-    assert own_effects(content["F000"], shared) == {"gust-discrete": {"gust-discrete.delay": 0.1}}
-    assert own_effects(content["F002"], shared) == {"sensor-lag:q": {"sensor-lag:q.delay": pytest.approx(0.3)}}
+    assert effects_of_one_flight(content["F000"], shared) == {"gust-discrete": {"gust-discrete.delay": 0.1}}
+    assert effects_of_one_flight(content["F002"], shared) == {"sensor-lag:q": {"sensor-lag:q.delay": pytest.approx(0.3)}}
     assert starts_of(content, shared) == {"sensor-delay:q.delay": pytest.approx(0.15)}

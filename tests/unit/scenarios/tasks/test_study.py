@@ -18,7 +18,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ident.alongside import START_METHOD
+from ident.background_task import START_METHOD
 from scenarios.tasks import work as shards
 from scenarios.tasks.processes import THREADS
 from scenarios.tasks.study import TaskRequest, run_study

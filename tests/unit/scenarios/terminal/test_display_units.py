@@ -13,7 +13,7 @@ from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.plots.display import display_unit
 from scenarios.studies.rows import Row
 from scenarios.studies.text import with_display
-from scenarios.terminal.quantities import DEGREES, in_hertz, shown_in, told, unit_cell
+from scenarios.terminal.quantities import DEGREES, in_hertz, quantity_text, shown_in, unit_cell
 from scenarios.terminal.tables import table_lines
 from sim.effects.library import library
 
@@ -29,8 +29,8 @@ def test_figures_and_tables_share_one_unit() -> None:
 
 
 def test_numbers_without_a_sigma() -> None:
-    assert told(0.00872665, "rad", "half_width") == "0.5 deg" and told(12.0, "rad/s", "omega1") == "12 rad/s (1.91 Hz)"
-    assert told(4.0, "m") == "4 m" and told(0.3, "1") == "0.3" and told(math.pi, "rad/s", "rate") == "180 deg/s"
+    assert quantity_text(0.00872665, "rad", "half_width") == "0.5 deg" and quantity_text(12.0, "rad/s", "omega1") == "12 rad/s (1.91 Hz)"
+    assert quantity_text(4.0, "m") == "4 m" and quantity_text(0.3, "1") == "0.3" and quantity_text(math.pi, "rad/s", "rate") == "180 deg/s"
     assert in_hertz(1.0, "rate", "rad/s") == "" and shown_in("rad/s", "L_0") == (1.0, "rad/s"), "a load, read beside derivatives"
 
 

@@ -7,14 +7,14 @@ import time
 import pytest
 
 from scenarios.terminal import progress
-from scenarios.terminal.progress import LastProgress, progress_bar, told_time
+from scenarios.terminal.progress import LastProgress, progress_bar, time_text
 
 
 @pytest.mark.parametrize(
     ("seconds", "words"), [(0.4, "0 s"), (59.4, "59 s"), (59.6, "1 min"), (200.0, "3 min 20 s"), (7500.0, "2 h 5 min"), (86400.0, "24 h")]
 )
 def test_a_time_is_told_in_two_units_at_most(seconds: float, words: str) -> None:
-    assert told_time(seconds) == words
+    assert time_text(seconds) == words
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="no
 @pytest.fixture(autouse=True)
 def spare(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tests may run in a worker, or on one processor, where no fork is made."""
-    monkeypatch.setattr("ident.alongside.spare_processor", lambda: True)
+    monkeypatch.setattr("ident.background_task.spare_processor", lambda: True)
 
 
 def screened(monkeypatch: pytest.MonkeyPatch, worth: float) -> list[Finding]:

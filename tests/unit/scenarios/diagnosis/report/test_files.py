@@ -23,7 +23,7 @@ from scenarios.diagnosis.report.pictures.handover import packed, unpacked
 from scenarios.diagnosis.report.pictures.pictured import pictured
 from scenarios.diagnosis.report.pictures.process import Drawer, drawing, figure_process
 from scenarios.pages.folder import rebuilt
-from scenarios.plots.display import Standing
+from scenarios.plots.display import NamedEffects
 from scenarios.plots.formats import USUAL, gathered
 from tests.diagnoses import BALLISTIC, LOES, spread_tracing, tracing_of
 
@@ -166,7 +166,7 @@ def test_what_was_drawn_ahead_is_kept_where_it_is_what_comes_out_and_else_drawn_
         (tmp_path / name).mkdir()
         with figure_process(True) as drawer:
             assert drawer is not None
-            drawer.draw_ahead(replace(ahead, candidates=(), standing=Standing()), USUAL)
+            drawer.draw_ahead(replace(ahead, candidates=(), standing=NamedEffects()), USUAL)
             with drawing(picture, tmp_path / name, drawer):
                 assert bool(drawer.expected) == kept
             assert drawer.process.returncode == 0

@@ -23,7 +23,7 @@ from sim.effects.dynamics.curves.lift_nonlinearity import LIFT_NONLINEARITY
 from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.dynamics.elastic_mode import ElasticMode
-from sim.effects.library import find_effect, guards_for
+from sim.effects.library import catch_all_terms_for, find_effect
 from sim.maths import combine, natural_shapes
 from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
@@ -235,7 +235,7 @@ def test_guards_are_the_terms_that_they_name() -> None:
         "control-squared": lambda a, q, u: u * u,
         "alpha-q": lambda a, q, u: a * q * chord / (2.0 * V),
     }
-    found = {guard.name: guard for guard in guards_for(ShortPeriod())}
+    found = {guard.name: guard for guard in catch_all_terms_for(ShortPeriod())}
     others = ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives", "hysteresis", "vane-behind")
     assert set(found) == {f"guard:{name}" for name in (*products, *others)}
     for name, product in products.items():

@@ -15,7 +15,7 @@ from sim.declaration.proposal import SearchContext
 from sim.effects.dynamics.curves.drag_mach import DragMach
 from sim.effects.dynamics.density_scale_height import DensityScaleHeight
 from sim.effects.dynamics.drag_jump import DragJump
-from sim.effects.library import find_effect, guards_for
+from sim.effects.library import catch_all_terms_for, find_effect
 from sim.maths import combine
 from sim.vehicles.ballistic import Ballistic
 from tests.bases import BALLISTIC_VALUES, ballistic_flight, ballistic_model, fly_model
@@ -105,6 +105,6 @@ def test_drag_over_mach_takes_its_range_from_the_speeds_flown() -> None:
 
 
 def test_drag_that_drifts_is_a_guard_only() -> None:
-    (guard,) = guards_for(Ballistic())
+    (guard,) = catch_all_terms_for(Ballistic())
     np.testing.assert_allclose(with_effect(guard, {"rate": 0.04}), fallen(lambda t, h, v: np.exp(0.04 * t)), rtol=0.0, atol=1e-3)
     assert find_effect("drag-mach", Ballistic()) == DragMach()

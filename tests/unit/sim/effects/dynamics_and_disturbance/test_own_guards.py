@@ -16,7 +16,7 @@ from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model
 from sim.declaration.proposal import SearchContext
 from sim.effects.guards.lagged_loads import LaggedLoads
-from sim.effects.library import guards_for
+from sim.effects.library import catch_all_terms_for
 from sim.errors import DeclarationError
 from tests.bases import RIGID_VALUES, Flight, fly_model
 from tests.offered import ALL_VEHICLES
@@ -51,12 +51,12 @@ def expected(extra: Callable[[float, np.ndarray, float], float], felt: bool, fur
 
 
 def guard(model: Model, name: str) -> Any:
-    (found,) = [each for each in guards_for(model.equations) if each.name == name]
+    (found,) = [each for each in catch_all_terms_for(model.equations) if each.name == name]
     return found
 
 
 def names(model: Model) -> set[str]:
-    return {each.name.removeprefix("guard:") for each in guards_for(model.equations)}
+    return {each.name.removeprefix("guard:") for each in catch_all_terms_for(model.equations)}
 
 
 def test_products_that_no_parameter_stands_for_are_guarded() -> None:
@@ -98,11 +98,11 @@ def test_they_are_the_terms_that_they_name(felt: bool) -> None:
 
 def test_absent_they_add_nothing_and_their_units_are_known() -> None:
     for model in (spring(), spring(ports={"load": "N"}), own_rigid(RIGID_VALUES)):
-        for each in guards_for(model.equations):
+        for each in catch_all_terms_for(model.equations):
             for item in each.parameters:
                 assert np.isfinite(to_si(1.0, item.unit, item.unit, each.name, DeclarationError)), item.unit
     plain = outputs(spring())
-    for each in guards_for(spring().equations):
+    for each in catch_all_terms_for(spring().equations):
         assert np.array_equal(outputs(spring(), each, **each.absent), plain), each.name
 
 
@@ -140,5 +140,5 @@ def test_a_lag_counts_from_the_middle_of_what_was_flown() -> None:
 
 def test_the_built_in_models_have_theirs_from_the_files_alone() -> None:
     for vehicle in ALL_VEHICLES:
-        listed = {each.name for each in guards_for(vehicle)}
+        listed = {each.name for each in catch_all_terms_for(vehicle)}
         assert not any(name.startswith(("guard:lagged-loads:", "guard:periodic-loads:")) for name in listed)

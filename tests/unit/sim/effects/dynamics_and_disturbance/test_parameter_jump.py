@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenarios.diagnosis.candidates import candidates_for
-from scenarios.files.user_models import read_own_model
+from scenarios.files.user_models import read_user_model
 from sim.declaration.proposal import SearchContext
 from sim.effects.library import effects_for
 from sim.effects.parameter_jump import LARGEST, USUAL, ParameterJump
@@ -24,7 +24,7 @@ def jumps(effects: Iterable[object]) -> dict[str, ParameterJump]:
 
 
 def test_what_acts_through_one_port_is_one_group(tmp_path: Path) -> None:
-    found = jumps(effects_for(read_own_model(model_file(tmp_path, ROLL_AND_YAW)).model.equations))
+    found = jumps(effects_for(read_user_model(model_file(tmp_path, ROLL_AND_YAW)).model.equations))
     assert {name: each.group for name, each in found.items()} == {
         "derivative-jump:p_rate": ("L_p", "L_beta", "L_da"),
         "derivative-jump:r_rate": ("N_r", "N_beta", "N_dr"),
@@ -35,7 +35,7 @@ def test_what_acts_through_one_port_is_one_group(tmp_path: Path) -> None:
 
 
 def test_a_group_is_offered_only_where_all_of_it_is_estimated(tmp_path: Path) -> None:
-    model = read_own_model(model_file(tmp_path, SPRING)).model
+    model = read_user_model(model_file(tmp_path, SPRING)).model
     assert "derivative-jump" in jumps(candidates_for(model))
     assert not jumps(candidates_for(model.with_parameters(model.parameters.hold(["c"]))))
 
@@ -50,7 +50,7 @@ def test_sizes_follow_the_declared_values() -> None:
 
 def test_a_spring_that_slackens_flies_as_another_simulator_says(tmp_path: Path) -> None:
     """Before the time as declared, after it with the change, in rate and reading alike."""
-    model = read_own_model(model_file(tmp_path, SPRING)).model
+    model = read_user_model(model_file(tmp_path, SPRING)).model
     record = spring(lambda x: 50.0, 1, extra=lambda t, x, f: 15.0 * x[0] * (t > 8.0))
     jump = jumps(effects_for(model.equations))["derivative-jump"].fitted_to(SearchContext(0.0, 20.0, 1e-4))
     flight = Flight(record.time, np.array([channel.values for channel in record.inputs]))

@@ -19,7 +19,7 @@ from sim.effects.dynamics.curves.control_unevenness import ControlUnevenness
 from sim.effects.dynamics.curves.control_weakening import ControlWeakening
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.guards.lagged_loads import LaggedLoads
-from sim.effects.library import effects_for, find_effect, guards_for
+from sim.effects.library import catch_all_terms_for, effects_for, find_effect
 from sim.maths import combine, natural_shapes
 from sim.vehicles.lateral import Lateral
 from sim.vehicles.longitudinal import Longitudinal
@@ -83,7 +83,7 @@ def test_a_vane_of_sideslip_and_a_lateral_accelerometer_ahead() -> None:
 
 
 def test_a_vane_of_sideslip_behind() -> None:
-    (guard,) = [guard for guard in guards_for(Lateral()) if guard.name == "guard:vane-behind"]
+    (guard,) = [guard for guard in catch_all_terms_for(Lateral()) if guard.name == "guard:vane-behind"]
     expected, _ = fly_lateral(SIDE.time, SIDE.u)
     expected[0] -= 3.0 / LATERAL_VALUES["airspeed"] * expected[2]
     close(on_lateral({"guard:vane-behind.arm": 3.0}, guard), expected)
@@ -225,7 +225,7 @@ def test_a_curved_elevator_counts_from_the_middle_of_its_deflections() -> None:
 def test_nothing_rings_in_steady_flight() -> None:
     still = replace(UP, u=np.repeat([[LEVEL[1]], [LEVEL[2]]], UP.time.size, axis=1))
     context = SearchContext(0.0, 4.0, 0.04, flown={"elevator": (LEVEL[1] - 0.1, LEVEL[1] + 0.1), "alpha": (LEVEL[0] - 0.1, LEVEL[0] + 0.1)})
-    offered = [*effects_for(Longitudinal()), *guards_for(Longitudinal())]
+    offered = [*effects_for(Longitudinal()), *catch_all_terms_for(Longitudinal())]
     with_states = [effect.fitted_to(context) for effect in offered if isinstance(effect, ElasticMode | LaggedLoads)]
     assert len(with_states) == 2
     for effect in with_states:

@@ -1,4 +1,4 @@
-"""A computation made by a fork of this process while this one goes on: half of a screening, or the check of the kinematics beside a search."""
+"""A background task: a computation made by a fork of this process while this one goes on."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def fork() -> int:
 
 
 @dataclass(eq=False)
-class Alongside(Generic[T]):
+class BackgroundTask(Generic[T]):
     """``compute()`` by a fork from ``begin`` on; here where that was never called, cannot be done, or failed."""
 
     compute: Callable[[], T]
