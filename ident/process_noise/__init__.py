@@ -1,1 +1,7 @@
-"""Maximum likelihood where random forces act on the states."""
+"""Maximum likelihood where random forces act on the states.
+
+May import `ident.whole_record` and what that may import. Nothing below may import this room.
+
+To add a kind of process noise: declare it in `sim` as the density that `System.noise` returns;
+nothing here changes. Oracles: `tests/unit/ident/process_noise`.
+"""

@@ -1,4 +1,9 @@
-"""The command line: what each command takes; the work is done in `scenarios.commands`, imported when it is run."""
+"""The command line: what each command takes; the work is done in `scenarios.commands`, imported when it is run.
+
+It may import `commands`, and from below only what loads neither NumPy nor SciPy: the help must
+answer at once. To add a command: a file in `declared`, its function in `COMMANDS` of
+`application.py`, and its work in `commands`.
+"""
 
 from __future__ import annotations
 

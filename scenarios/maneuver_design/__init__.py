@@ -1,1 +1,7 @@
-"""Which maneuver to fly, before it is flown."""
+"""Which maneuver to fly, before it is flown.
+
+May import: `ident.maneuver_design`, `sim`, and of `scenarios` what lies below `diagnosis`.
+
+To add a kind of maneuver: a function of a `Room` and a pace in `setting.py`, and its name in
+`KINDS`.
+"""

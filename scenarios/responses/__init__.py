@@ -1,1 +1,5 @@
-"""Frequency responses of records."""
+"""Frequency responses of records.
+
+It may import `preparation`, `pages`, `plots`, `terminal`, `files` and `ident.frequency_response`.
+Figures: `scenarios/plots/low_order.py`.
+"""

@@ -1,4 +1,10 @@
-"""Numbers printed in papers, one file a paper; only shown beside estimates, never used to form them."""
+"""Numbers printed in papers, one file a paper; only shown beside estimates, never used to form them.
+
+One TOML file a paper, table by table, each number with its unit and place; `__init__.py` reads one
+column of one table, and the remark under `[remarks]` that every table which shows it repeats. It
+may import `files` and `studies.declaration`. To add a paper, write a file with its tables and name
+it in a scenario under `published`; a test compares the file with the scenario's parameters.
+"""
 
 from __future__ import annotations
 
