@@ -1,4 +1,4 @@
-"""A user's own `sim.py`, `ident.py` or `scenarios.py` that Python finds before the packages of these names here."""
+"""A user's own module `sim`, `ident` or `scenarios` that Python finds before the packages of these names."""
 
 from __future__ import annotations
 

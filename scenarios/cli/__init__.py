@@ -1,8 +1,8 @@
 """The command line: what each command takes; the work is done in `scenarios.commands`, imported when it is run.
 
 It may import `commands`, and from below only what loads neither NumPy nor SciPy: the help must
-answer at once. To add a command: a file in `declared`, its function in `COMMANDS` of
-`application.py`, and its work in `commands`.
+answer at once. To add a command: a function in `study_commands.py` or
+`record_commands.py`, its entry in `COMMANDS` of `application.py`, and its work in `commands`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The house keeps its order: lengths of files and functions, folders that say what they are for, no import circles."""
+"""Layout of the packages: lengths of files and functions, no package of one module, no double class names, no import circles."""
 
 from __future__ import annotations
 
@@ -12,13 +12,28 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("sim", "ident", "scenarios", "flightid", "exam")
+INSTALLED = ("sim", "ident", "scenarios", "flightid")
+ROOMS = (*INSTALLED, "exam")
 LONGEST_FILE, MOST_LINES = 600, 80  # lines of a file and of a function
-SMALL = 5  # files of a folder that needs no README
+LEAST_OF_ONE = 150  # lines of a module that only one sibling imports
+IMPORTS = 0.07  # largest share of import statements in all lines; the aim is 0.05
 # Functions that may be longer; one that has become short must leave this list.
 LONG = {
     "ident/banks/equation_kernels.py::along": "one pass over time, written out so that nothing is allocated in it",
 }
+# Files that are still longer; the list shrinks, and nothing is added to it.
+LONG_FILES: frozenset[str] = frozenset()
+# Packages whose further content is data.
+OF_DATA = {"scenarios/catalog"}
+# Class names that still occur twice in a room; the list shrinks, and nothing is added to it.
+TWICE: dict[str, frozenset[str]] = {
+    "ident": frozenset({"Decision", "Outcome", "Weighed"}),
+    "scenarios": frozenset({"Design", "Flight", "Options", "Reader", "Table"}),
+}
+# Folders in which one topic has one file by rule: effects, formats of files.
+ONE_A_FILE = ("sim/effects/", "scenarios/files/formats/")
+# Modules that one sibling imports and that are still shorter; the list shrinks, and nothing is added to it.
+SHORT_OF_ONE: frozenset[str] = frozenset()
 
 Graph = Mapping[str, frozenset[str]]
 
@@ -130,11 +145,48 @@ def folders() -> Counter[str]:
 
 def test_no_file_is_too_long() -> None:
     lengths = {path: len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in modules()}
-    assert {path: length for path, length in lengths.items() if length > LONGEST_FILE} == {}
+    assert {path: length for path, length in lengths.items() if length > LONGEST_FILE and path not in LONG_FILES} == {}
+    assert sorted(path for path in LONG_FILES if lengths.get(path, 0) <= LONGEST_FILE) == [], "short or gone: strike them from LONG_FILES"
 
 
-def test_every_larger_folder_says_what_it_is_for() -> None:
-    assert [folder for folder, count in folders().items() if count > SMALL and not (ROOT / folder / "README.md").is_file()] == []
+def test_no_package_has_a_single_module() -> None:
+    parents = {folder.rpartition("/")[0] for folder in folders()}
+    single = {folder for folder, count in folders().items() if count == 1 and folder not in parents}
+    assert single - OF_DATA == set(), "make it a module of the package above"
+
+
+def test_class_names_are_used_once_in_a_room() -> None:
+    for room in INSTALLED:
+        trees = [tree for path, tree in modules().items() if path.startswith(f"{room}/")]
+        names = Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
+        twice = {name for name, count in names.items() if count > 1}
+        assert twice == TWICE.get(room, frozenset()), f"class names of {room}"
+
+
+def test_a_module_that_one_sibling_imports_is_long_enough() -> None:
+    importers: dict[str, set[str]] = {}
+    installed = {path: tree for path, tree in modules().items() if not path.startswith("exam/")}
+    for path, targets in import_graph(installed).items():
+        for target in targets:
+            importers.setdefault(target, set()).add(path)
+    found = {
+        path
+        for path, users in importers.items()
+        if len(users) == 1
+        and path.rpartition("/")[0] == min(users).rpartition("/")[0]
+        and not path.endswith("__init__.py")
+        and not path.startswith(ONE_A_FILE)
+        and (ROOT / path).read_text(encoding="utf-8").count("\n") < LEAST_OF_ONE
+    }
+    assert found - SHORT_OF_ONE == set(), "it belongs into the module that imports it"
+    assert SHORT_OF_ONE - found == set(), "long or gone: strike them from SHORT_OF_ONE"
+
+
+def test_imports_are_a_small_share_of_all_lines() -> None:
+    installed = {path: tree for path, tree in modules().items() if not path.startswith("exam/")}
+    lines = sum((ROOT / path).read_text(encoding="utf-8").count("\n") for path in installed)
+    nodes = [node for tree in installed.values() for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+    assert sum((node.end_lineno or 0) - node.lineno + 1 for node in nodes) <= IMPORTS * lines
 
 
 def long_functions(files: Mapping[str, ast.Module]) -> dict[str, int]:
