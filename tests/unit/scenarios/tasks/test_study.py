@@ -260,8 +260,8 @@ def test_a_script_without_a_guard_is_not_run_again_by_its_processes_which_have_o
     script = tmp_path / "script.py"
     script.write_text(
         "print('once')\n"
-        "from scenarios.tasks.study import Asked, run_study\nfrom tests.unit.scenarios.tasks.toy import Threads\n"
-        "print(*run_study(Threads(), Asked(12, 1, jobs=2)).columns['threads'])\n"
+        "from scenarios.tasks.study import TaskRequest, run_study\nfrom tests.unit.scenarios.tasks.toy import Threads\n"
+        "print(*run_study(Threads(), TaskRequest(12, 1, jobs=2)).columns['threads'])\n"
     )
     root = Path(__file__).parents[4]
     environment = {**{name: value for name, value in os.environ.items() if name not in THREADS}, "PYTHONPATH": str(root)}
